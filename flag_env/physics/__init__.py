@@ -1,0 +1,9 @@
+"""Mass-spring cloth in NumPy, Numba and SciPy; usable with no reinforcement-learning library installed."""
+
+from flag_env.physics import effects, integrators, presets
+from flag_env.physics.lattice import Lattice
+from flag_env.physics.scene import Scene
+from flag_env.physics.simulator import Diverged, Simulator, State
+from flag_env.physics.stability import max_timestep
+
+__all__ = ["Diverged", "Lattice", "Scene", "Simulator", "State", "effects", "integrators", "max_timestep", "presets"]

@@ -1,0 +1,195 @@
+"""The one place that turns a scene's effects into compiled code of exactly those effects.
+
+A scene's effects reach the compiler as a tuple of *bound* effects, each a NamedTuple type of its own. The functions below look
+at those types while they compile and emit one direct call for each: an absent effect leaves no instruction, no argument and no
+test behind. What a bound effect may offer, as static attributes of its type:
+
+`force(bound, copy, x, v, f, scratch, lag)`
+    adds its forces [N] at `lag` seconds after the start of the step to `f`;
+`advance(bound, copy, seconds)`
+    moves its own state (the phase of a wind) on by one step.
+
+A bound integrator offers `step(method, effects, copy, x, v, f, scratch, inverse_mass)` and
+`velocity(method, effects, copy, x, v, f, scratch, inverse_mass)`, which leaves the velocities at the instant of the positions in
+`f`. Arrays: `x, v, f` (coordinates, particles); `scratch` (rows, particles); `inverse_mass` (particles,), zero where pinned.
+
+Called from plain Python (`NUMBA_DISABLE_JIT=1`) the same functions are ordinary loops: the tests' oracle.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba.extending import overload
+
+from flag_env.physics.jit import cached, jit, kernel
+
+CHECK_EVERY = 50
+"""Steps between two checks for non-finite numbers."""
+
+_OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False}
+
+
+def forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> None:
+    """Overwrite `f` with the sum of all effects' forces [N]."""
+    f[:] = 0
+    for bound in effects:
+        bound.force(bound, copy, x, v, f, scratch, lag)
+
+
+def advance(effects: Any, copy: int, seconds: float) -> None:
+    """Move the effects' own state on by one step."""
+    for bound in effects:
+        if hasattr(bound, "advance"):
+            bound.advance(bound, copy, seconds)
+
+
+@overload(forces, jit_options=_OPTIONS, strict=False)
+def _compile_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
+    def run(effects, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
+        for d in range(f.shape[0]):
+            _clear(f[d], f.shape[1])
+        _add_forces(effects, copy, x, v, f, scratch, lag)
+
+    return run
+
+
+def _add_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> None:
+    """Compiled only: the first effect's force, then the others'."""
+
+
+@overload(_add_forces, jit_options=_OPTIONS, strict=False)
+def _compile_add_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
+    if not len(effects):
+        return lambda effects, copy, x, v, f, scratch, lag: None
+    force = effects.types[0].instance_class.force
+
+    def run(effects, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
+        force(effects[0], copy, x, v, f, scratch, lag)
+        _add_forces(effects[1:], copy, x, v, f, scratch, lag)
+
+    return run
+
+
+@overload(advance, jit_options=_OPTIONS, strict=False)
+def _compile_advance(effects: Any, copy: int, seconds: float) -> Any:
+    if not len(effects):
+        return lambda effects, copy, seconds: None
+    move = getattr(effects.types[0].instance_class, "advance", None)
+    if move is None:
+        return lambda effects, copy, seconds: advance(effects[1:], copy, seconds)
+
+    def run(effects, copy, seconds):  # type: ignore[no-untyped-def]
+        move(effects[0], copy, seconds)
+        advance(effects[1:], copy, seconds)
+
+    return run
+
+
+def _step(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> None:
+    method.step(method, effects, copy, x, v, f, scratch, inverse_mass)
+
+
+@overload(_step, jit_options=_OPTIONS, strict=False)
+def _compile_step(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> Any:
+    step = method.instance_class.step
+    return lambda method, effects, copy, x, v, f, scratch, inverse_mass: step(
+        method, effects, copy, x, v, f, scratch, inverse_mass
+    )
+
+
+def _velocity(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> None:
+    method.velocity(method, effects, copy, x, v, f, scratch, inverse_mass)
+
+
+@overload(_velocity, jit_options=_OPTIONS, strict=False)
+def _compile_velocity(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> Any:
+    velocity = method.instance_class.velocity
+    return lambda method, effects, copy, x, v, f, scratch, inverse_mass: velocity(
+        method, effects, copy, x, v, f, scratch, inverse_mass
+    )
+
+
+@kernel
+def _clear(f: Any, n: int) -> None:
+    for t in range(n):
+        f[t] = 0
+
+
+@kernel
+def _count_non_finite(a: Any, n: int) -> int:
+    bad = 0
+    for t in range(n):
+        bad += (a[t] - a[t]) != 0  # NaN unless finite; a count, unlike a float sum, vectorises
+    return bad
+
+
+@jit
+def _first_non_finite(x: Any, v: Any) -> int:
+    """Lowest particle with a non-finite position or velocity; -1 if there is none."""
+    bad = 0
+    for d in range(x.shape[0]):
+        bad += _count_non_finite(x[d], x.shape[1]) + _count_non_finite(v[d], x.shape[1])
+    if bad:
+        for t in range(x.shape[1]):
+            for d in range(x.shape[0]):
+                if (x[d, t] - x[d, t]) != 0 or (v[d, t] - v[d, t]) != 0:
+                    return t
+    return -1
+
+
+def _make_run() -> Callable[..., Any]:
+    def run(  # type: ignore[no-untyped-def]
+        method, effects, x, v, f, scratch, inverse_mass, steps, first, last, failed_at, failed_particle, read, out
+    ):
+        """Take `steps` steps of the copies `first <= copy < last` that have not failed; note the step at which one fails.
+
+        With `read`, write the velocities at the instant of the positions into `out` afterwards.
+        """
+        for copy in range(first, last):
+            if failed_at[copy] >= 0 and not read:
+                continue
+            for i in range(steps):
+                _step(method, effects, copy, x[copy], v[copy], f, scratch, inverse_mass)
+                if (i + 1) % CHECK_EVERY == 0 or i + 1 == steps:
+                    particle = _first_non_finite(x[copy], v[copy])
+                    if particle >= 0:
+                        failed_at[copy] = i + 1
+                        failed_particle[copy] = particle
+                        break
+            if read:
+                _velocity(method, effects, copy, x[copy], v[copy], f, scratch, inverse_mass)
+                for d in range(x.shape[1]):
+                    for t in range(x.shape[2]):
+                        out[copy, d, t] = f[d, t]
+
+    return run
+
+
+def compiled_run(method: Any, effects: tuple[Any, ...]) -> Callable[..., None]:
+    """Entry point that advances many copies by many steps, for a method and effects of these types; kept on disk."""
+    return _run_for(_foreign_sources(tuple(type(bound).__module__ for bound in (method, *effects))))
+
+
+@cache
+def _run_for(sources: frozenset[Path] | None) -> Callable[..., Any]:
+    return cached(_make_run(), sources)
+
+
+@cache
+def _foreign_sources(modules: tuple[str, ...]) -> frozenset[Path] | None:
+    """Files of effects from outside this package; None if one has no file, as in a notebook."""
+    here = __name__.rpartition(".")[0]
+    try:
+        return frozenset(
+            Path(inspect.getsourcefile(sys.modules[name]) or "")
+            for name in modules
+            if name != here and not name.startswith(here + ".")
+        )
+    except (TypeError, KeyError):
+        return None

@@ -1,0 +1,60 @@
+"""What every effect offers; see `flag_env.physics.compose` for the compiled half."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.physics.lattice import Family, Lattice
+
+
+class LinkTerm(NamedTuple):
+    """What one family of links adds to a scene's stiffness and damping, for the step limit.
+
+    Attributes
+    ----------
+    family
+        The links.
+    stiffness : (particles - offset,)
+        Upper bound of each link's stiffness in any pose [N/m].
+    viscosity : (particles - offset,)
+        Upper bound of each link's damping [N s/m].
+    """
+
+    family: Family
+    stiffness: NDArray[np.float64]
+    viscosity: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Description of one physical effect: immutable, hashable, picklable; knows nothing of a run."""
+
+    def bind(self, lattice: Lattice, dtype: np.dtype[Any], copies: int) -> Any:
+        """Arrays and typed scalars for the compiled step, as a NamedTuple whose type carries the kernels."""
+        raise NotImplementedError(f"{type(self).__name__} must define bind(lattice, dtype, copies)")
+
+    def link_terms(self, lattice: Lattice) -> tuple[LinkTerm, ...]:
+        """Bounds of the effect's link stiffness and damping; empty for effects without links."""
+        del lattice
+        return ()
+
+    def drag(self, lattice: Lattice) -> NDArray[np.float64] | None:
+        """Damping of each particle against still air [N s/m], shape (particles,), or None."""
+        del lattice
+
+    def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Potential energy [J], shape (copies,), for positions (copies, particles, 3) [m]; None unless conservative."""
+        del lattice, positions
+
+    def scaled(self, stiffness: float, viscosity: float) -> Effect:
+        """The same effect with its stiffness and viscosity multiplied; unchanged where it has none."""
+        del stiffness, viscosity
+        return self
+
+
+class Wind(Effect):
+    """An effect whose bound form carries `mean`, `amplitude`, `frequency`, `phase`, each (copies, 3): a run may change them."""

@@ -1,0 +1,69 @@
+"""Gravity: F = (0, 0, -m g).
+
+Parameters: acceleration g [m/s^2]; tapered: whether the weight follows the mass taper, as weight does. The report's program
+pulls every free particle with the same force whatever its mass: tapered=False, F = -(mast-side mass) g.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.physics import validate
+from flag_env.physics.effects.base import Effect
+from flag_env.physics.jit import jit, kernel
+from flag_env.physics.lattice import Lattice
+
+
+@kernel
+def _subtract(f, weight, n):  # type: ignore[no-untyped-def]
+    for t in range(n):
+        f[t] -= weight[t]
+
+
+@jit
+def _force(bound, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
+    _subtract(f[f.shape[0] - 1], bound.weight, f.shape[1])
+
+
+class BoundGravity(NamedTuple):
+    """`weight` (particles,) [N]."""
+
+    weight: NDArray[Any]
+    force = staticmethod(_force)
+
+
+@dataclass(frozen=True)
+class Gravity(Effect):
+    """Weight, along -z.
+
+    Parameters
+    ----------
+    acceleration
+        g [m/s^2]; negative pulls upwards.
+    tapered
+        Whether the force follows the mass taper (True) or is that of a mast-side particle everywhere (False, the report's).
+    """
+
+    acceleration: float = 9.81
+    tapered: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "acceleration", validate.number("acceleration", self.acceleration))
+
+    def weight(self, lattice: Lattice) -> NDArray[np.float64]:
+        """Downward force on each particle [N], shape (particles,)."""
+        masses = lattice.masses if self.tapered else np.full(lattice.size, lattice.mass)
+        return self.acceleration * masses
+
+    def bind(self, lattice: Lattice, dtype: np.dtype[Any], copies: int) -> BoundGravity:
+        """The particles' weights in the scene's dtype."""
+        del copies
+        return BoundGravity(self.weight(lattice).astype(dtype))
+
+    def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum of m g z over the free particles [J], shape (copies,)."""
+        return positions[:, :, 2] @ np.where(lattice.fixed, 0.0, self.weight(lattice))  # type: ignore[no-any-return]

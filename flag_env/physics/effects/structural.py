@@ -1,0 +1,22 @@
+"""Structural links: horizontal and vertical neighbours of each layer; they resist stretching (Provot 1995).
+
+F = w [k (1 - l/d) (x2 - x1) + z (v2 - v1)], l = the spacing. Parameters: stiffness k [N/m], viscosity z [N s/m]; see `LinkEffect`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from flag_env.physics.effects.springs import LinkEffect
+from flag_env.physics.lattice import Step
+
+
+@dataclass(frozen=True)
+class Structural(LinkEffect):
+    """Springs and dampers between direct neighbours; parameters as in `LinkEffect`."""
+
+    steps: ClassVar[tuple[Step, ...]] = ((0, 0, 1), (0, 1, 0))
+
+    stiffness: float = 500.0
+    viscosity: float = 0.1

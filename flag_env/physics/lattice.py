@@ -1,0 +1,194 @@
+"""The lattice of particles and its families of links.
+
+Particles stand on a grid `layers x rows x cols`. Column 0 is the mast, row 0 the lowest row, layer 0 the front. A particle's flat
+number is `(layer * rows + row) * cols + col`, so that all links of one kind (a *family*) join particle `t` to particle
+`t + offset` with one constant offset: one contiguous loop per family, a weight of zero where the pair would wrap round the end
+of a row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.physics import validate
+
+PINNED = ("edge", "sleeve", "ends", "none")
+
+Step = tuple[int, int, int]
+"""A link's direction: (layers, rows, columns) from its first to its second particle."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """All links of a lattice in one direction.
+
+    Attributes
+    ----------
+    offset
+        Flat number of a link's second particle minus that of its first.
+    present : (particles - offset,) bool
+        Whether a link starts at the particle.
+    length
+        Rest length [m].
+    taper : (particles - offset,)
+        Mean of the two ends' share of the mast-side mass.
+    """
+
+    offset: int
+    present: NDArray[np.bool_]
+    length: float
+    taper: NDArray[np.float64]
+
+    def weight(self, tapered: bool) -> NDArray[np.float64]:
+        """Factor on stiffness and viscosity of each link, shape (particles - offset,); zero where there is no link."""
+        return np.where(self.present, self.taper if tapered else 1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A grid of particles, some of them pinned.
+
+    Parameters
+    ----------
+    layers, rows, cols
+        Number of particles across, up and along.
+    spacing
+        Distance of neighbours [m]: one number, (along, up) or (along, up, across). Layers stand `along` apart unless told.
+    mass
+        Mass of a particle at the mast [kg].
+    taper
+        Mass of a particle at the free edge / mass at the mast; linear in the column between them.
+    pinned
+        "edge": column 0; "sleeve": columns 0 and 1, which clamps the direction of the cloth as well; "ends": first and last
+        column; "none"; or a tuple of flat particle numbers.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, its value and what is allowed.
+    """
+
+    layers: int = 1
+    rows: int = 20
+    cols: int = 32
+    spacing: float | tuple[float, ...] = 0.05
+    mass: float = 1e-3
+    taper: float = 1.0
+    pinned: str | tuple[int, ...] = "edge"
+
+    def __post_init__(self) -> None:
+        for name in ("layers", "rows", "cols"):
+            object.__setattr__(self, name, validate.count(name, getattr(self, name)))
+        object.__setattr__(self, "spacing", _spacing(self.spacing))
+        object.__setattr__(self, "mass", validate.number("mass", self.mass, above=0.0))
+        object.__setattr__(self, "taper", validate.number("taper", self.taper, above=0.0))
+        if isinstance(self.pinned, str):
+            validate.choice("pinned", self.pinned, PINNED)
+        else:
+            object.__setattr__(self, "pinned", _particle_numbers(self.pinned, self.size))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(layers, rows, cols)."""
+        return self.layers, self.rows, self.cols
+
+    @property
+    def size(self) -> int:
+        """Number of particles."""
+        return self.layers * self.rows * self.cols
+
+    @property
+    def steps(self) -> tuple[float, float, float]:
+        """Distance of neighbours along, up and across [m]."""
+        if not isinstance(self.spacing, tuple):
+            return self.spacing, self.spacing, self.spacing
+        along, up, *across = self.spacing
+        return along, up, across[0] if across else along
+
+    @property
+    def extent(self) -> tuple[float, float]:
+        """Length along x and height along z at rest [m]."""
+        along, up, _ = self.steps
+        return along * (self.cols - 1), up * (self.rows - 1)
+
+    @property
+    def diagonal(self) -> float:
+        """Diagonal of the cloth at rest [m]; the spacing where there is but one particle."""
+        return float(np.hypot(*self.extent)) or self.steps[0]
+
+    @cached_property
+    def rest_positions(self) -> NDArray[np.float64]:
+        """Positions at rest [m], shape (layers, rows, cols, 3): particle (0, 0, 0) at the origin, z up, y across."""
+        along, up, across = self.steps
+        layer, row, col = np.indices(self.shape)
+        return _read_only(np.stack([col * along, layer * across, row * up], axis=-1).astype(np.float64))
+
+    @cached_property
+    def taper_profile(self) -> NDArray[np.float64]:
+        """Share of the mast-side mass, flat, shape (particles,)."""
+        fraction = np.indices(self.shape)[2].ravel() / max(self.cols - 1, 1)
+        return _read_only(1.0 - (1.0 - self.taper) * fraction)
+
+    @property
+    def masses(self) -> NDArray[np.float64]:
+        """Masses [kg], flat, shape (particles,)."""
+        return self.mass * self.taper_profile
+
+    @cached_property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Whether a particle is pinned, flat, shape (particles,)."""
+        fixed = np.zeros(self.shape, dtype=bool)
+        if not isinstance(self.pinned, str):
+            fixed.ravel()[list(self.pinned)] = True
+        elif self.pinned in ("edge", "ends", "sleeve"):
+            fixed[:, :, 0] = True
+            if self.pinned == "ends":
+                fixed[:, :, -1] = True
+            if self.pinned == "sleeve":
+                fixed[:, :, :2] = True
+        return _read_only(fixed.ravel())
+
+    def families(self, *steps: Step) -> tuple[Family, ...]:
+        """Link families in the given directions; directions in which the lattice holds no link are left out."""
+        families = (self._family(step) for step in steps)
+        return tuple(family for family in families if family.present.any())
+
+    def _family(self, step: Step) -> Family:
+        offset = (step[0] * self.rows + step[1]) * self.cols + step[2]
+        if offset <= 0:  # only on lattices too small to hold such a link
+            return Family(0, np.zeros(self.size, dtype=bool), 0.0, np.zeros(self.size))
+        start = np.indices(self.shape).reshape(3, -1)[:, : max(self.size - offset, 0)]
+        end = start + np.array(step)[:, None]
+        present = ((end >= 0) & (end < np.array(self.shape)[:, None])).all(axis=0)
+        along, up, across = self.steps
+        length = float(np.linalg.norm([step[2] * along, step[0] * across, step[1] * up]))
+        profile = self.taper_profile
+        return Family(offset, present, length, 0.5 * (profile[: len(present)] + profile[offset:]))
+
+
+def _spacing(value: Any) -> float | tuple[float, ...]:
+    if not isinstance(value, (tuple, list, np.ndarray)):
+        return validate.number("spacing", value, above=0.0)
+    if len(value) not in (2, 3):
+        raise ValueError(f"spacing must be one number, (along, up) or (along, up, across), got {value!r}")
+    return tuple(validate.number("spacing", entry, above=0.0) for entry in value)
+
+
+def _particle_numbers(value: Any, size: int) -> tuple[int, ...]:
+    try:
+        numbers = tuple(sorted({validate.count("pinned", entry, minimum=0) for entry in value}))
+    except TypeError:
+        raise TypeError(f"pinned must be one of {PINNED} or a tuple of particle numbers, got {value!r}") from None
+    if numbers and numbers[-1] >= size:
+        raise ValueError(f"pinned must hold particle numbers below {size}, got {numbers[-1]}")
+    return numbers
+
+
+def _read_only(value: NDArray[Any]) -> NDArray[Any]:
+    value.setflags(write=False)
+    return value

@@ -1,0 +1,25 @@
+"""Rigid motion of the pinned particles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def rotation(tilt: NDArray[np.float64], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rotation matrices R = Ry(tilt_y) Rx(tilt_x) Rz(yaw), shape (n, 3, 3), for tilt (n, 2) and yaw (n,) [rad]."""
+    (sx, sy), sz = np.sin(tilt).T, np.sin(yaw)
+    (cx, cy), cz = np.cos(tilt).T, np.cos(yaw)
+    rows = (
+        (cy * cz + sy * sx * sz, -cy * sz + sy * sx * cz, sy * cx),
+        (cx * sz, cx * cz, -sx),
+        (-sy * cz + cy * sx * sz, sy * sz + cy * sx * cz, cy * cx),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def mast_points(
+    rest: NDArray[np.float64], position: NDArray[np.float64], tilt: NDArray[np.float64], yaw: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Points fixed to n masts [m], shape (n, points, 3), for `rest` (points, 3) and poses (n, 3), (n, 2), (n,)."""
+    return np.einsum("nij,pj->npi", rotation(tilt, yaw), rest) + position[:, None]

@@ -1,0 +1,113 @@
+"""Ready-made scenes: functions that return a `Scene`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flag_env.physics import validate
+from flag_env.physics.effects import AirDrag, Bending, CosineWind, CrossLayer, Gravity, Shear, Structural
+from flag_env.physics.lattice import Lattice
+from flag_env.physics.scene import Scene
+
+REPORT_RATE = 1000.0
+"""The report's sampling frequency Fe [Hz]."""
+
+
+def _cloth(rows: int, cols: int, layers: int, length: float, height: float, density: float, taper: float, pinned: Any) -> Lattice:
+    """A lattice of the given size [m] and areal density [kg/m^2], however fine."""
+    rows, cols = validate.count("rows", rows), validate.count("cols", cols)
+    length = validate.number("length", length, above=0.0)
+    height = validate.number("height", height, above=0.0)
+    density = validate.number("density", density, above=0.0)
+    taper = validate.number("taper", taper, above=0.0)
+    mean_mass = density * length * height / (rows * cols * layers)
+    mean_taper = 0.5 * (1.0 + taper) if cols > 1 else 1.0
+    along, up = length / max(cols - 1, 1), height / max(rows - 1, 1)
+    return Lattice(layers, rows, cols, (along, up, min(along, up)), mean_mass / mean_taper, taper, pinned)
+
+
+def flag(
+    rows: int = 20,
+    cols: int = 32,
+    *,
+    length: float = 1.5,
+    height: float = 1.0,
+    density: float = 0.15,
+    taper: float = 0.1,
+    pinned: str = "edge",
+    stiffness: float = 300.0,
+    viscosity: float = 0.02,
+    drag: float = 1.5,
+    **scene: Any,
+) -> Scene:
+    """A one-layer flag in air: gravity, structural, shear and bending links, linear drag, and a wind that is calm until told.
+
+    Parameters
+    ----------
+    rows, cols
+        Particles up and along; size, areal density and stiffness per width stay the same.
+    length, height
+        Size along x and z [m].
+    density
+        Areal density, the mean over the tapered cloth [kg/m^2].
+    taper
+        Mass at the free edge / mass at the mast; stiffness and viscosity follow it, so that it costs no timestep.
+    pinned
+        See `Lattice`.
+    stiffness
+        Of the structural links [N/m]; shear links have 1/4, bending links 1/50 of it.
+    viscosity
+        Of every link [N s/m].
+    drag
+        Rate of the linear air drag [1/s].
+    **scene
+        Further fields of `Scene`: integrator, timestep, dtype, allow_unstable, perturbation.
+    """
+    lattice = _cloth(rows, cols, 1, length, height, density, taper, pinned)
+    stiffness = validate.number("stiffness", stiffness, minimum=0.0)
+    return Scene(
+        lattice=lattice,
+        effects=(
+            Gravity(),
+            Structural(stiffness, viscosity, tapered=True),
+            Shear(stiffness / 4, viscosity, tapered=True),
+            Bending(stiffness / 50, viscosity, tapered=True),
+            AirDrag(drag),
+            CosineWind(),
+        ),
+        **{"perturbation": 1e-3 * min(lattice.steps), **scene},
+    )
+
+
+def report_flag(layers: int = 1, rows: int = 10, cols: int = 15, **scene: Any) -> Scene:
+    """The student report's flag in the report's own units (unit spacing and mass), its vertical turned to z.
+
+    k = 0.1 m Fe^2, z = 0.01 m Fe, Fe = 1000 Hz, timestep 1/Fe; mass, k and z taper to 10 %. Gravity (5 Fe) and the cosine wind pull
+    every free particle with the same force. One layer has structural, shear and bending links; with two, struts and cube diagonals
+    take the place of the shear links.
+
+    Parameters
+    ----------
+    layers
+        1 or 2.
+    rows, cols
+        Particles up and along.
+    **scene
+        Further fields of `Scene`.
+    """
+    if layers not in (1, 2):
+        raise ValueError(f"layers must be 1 or 2, got {layers!r}")
+    stiffness, viscosity = 0.1 * REPORT_RATE**2, 0.01 * REPORT_RATE
+    cross = (Shear if layers == 1 else CrossLayer)(stiffness, viscosity, tapered=True)
+    return Scene(
+        lattice=Lattice(layers, rows, cols, spacing=1.0, mass=1.0, taper=0.1),
+        effects=(
+            Gravity(5.0 * REPORT_RATE, tapered=False),
+            Structural(stiffness, viscosity, tapered=True),
+            cross,
+            Bending(stiffness, viscosity, tapered=True),
+            # the report's axes are (along, vertical, normal)
+            CosineWind(amplitude=(4800.0, 1150.0, 5700.0), frequency=(0.04, 0.05, 0.35)),
+        ),
+        **{"timestep": 1.0 / REPORT_RATE, **scene},
+    )

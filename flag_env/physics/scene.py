@@ -1,0 +1,120 @@
+"""A scene: what is simulated and how, as one immutable value."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flag_env.physics import validate
+from flag_env.physics.effects.base import Effect
+from flag_env.physics.integrators.base import Integrator
+from flag_env.physics.integrators.leapfrog import Leapfrog
+from flag_env.physics.lattice import Lattice
+
+DTYPES = ("float64", "float32")
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A lattice, the effects that act on it, and the way time is stepped. Frozen, hashable, picklable, cheap to make.
+
+    Parameters
+    ----------
+    lattice
+        The particles.
+    effects
+        The effects, at most one of a kind. Nothing else is simulated.
+    integrator
+        The method; `Leapfrog()` unless told.
+    timestep
+        Seconds, or "auto": 0.9 of the step limit.
+    dtype
+        "float64" or "float32": the arithmetic of the simulation.
+    allow_unstable
+        Whether a timestep above the limit is accepted when the scene is simulated.
+    perturbation
+        Standard deviation of a seeded displacement of every free particle along y at the start [m]. A perfectly plane cloth
+        under in-plane forces would stay plane for ever.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument, its value and what is allowed.
+    """
+
+    lattice: Lattice
+    effects: tuple[Effect, ...] = ()
+    integrator: Integrator = Leapfrog()
+    timestep: float | str = "auto"
+    dtype: str = "float64"
+    allow_unstable: bool = False
+    perturbation: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.lattice, Lattice):
+            raise TypeError(f"lattice must be a Lattice, got {self.lattice!r}")
+        object.__setattr__(self, "effects", _effects(self.effects))
+        if not isinstance(self.integrator, Integrator):
+            raise TypeError(f"integrator must be an Integrator, such as integrators.Leapfrog(), got {self.integrator!r}")
+        if self.timestep != "auto":
+            if isinstance(self.timestep, str):
+                raise ValueError(f"timestep must be a number of seconds or 'auto', got {self.timestep!r}")
+            object.__setattr__(self, "timestep", validate.number("timestep", self.timestep, above=0.0))
+        object.__setattr__(self, "dtype", _dtype(self.dtype))
+        if not isinstance(self.allow_unstable, bool):
+            raise TypeError(f"allow_unstable must be True or False, got {self.allow_unstable!r}")
+        object.__setattr__(self, "perturbation", validate.number("perturbation", self.perturbation, minimum=0.0))
+
+    def replace(self, **changes: Any) -> Scene:
+        """A new scene with the given fields changed."""
+        return dataclasses.replace(self, **changes)
+
+    def adding(self, *effects: Effect) -> Scene:
+        """A new scene with these effects; one of a kind that is there already takes its place."""
+        kept = list(self.effects)
+        for effect in _effects(effects):
+            same = [index for index, present in enumerate(kept) if type(present) is type(effect)]
+            if same:
+                kept[same[0]] = effect
+            else:
+                kept.append(effect)
+        return self.replace(effects=tuple(kept))
+
+    def without(self, *kinds: type[Effect]) -> Scene:
+        """A new scene without the effects of these kinds."""
+        for kind in kinds:
+            if not isinstance(kind, type) or not issubclass(kind, Effect):
+                raise TypeError(f"kinds must be effect classes, such as effects.Shear, got {kind!r}")
+        return self.replace(effects=tuple(effect for effect in self.effects if not isinstance(effect, kinds)))
+
+    def scaled(self, stiffness: float = 1.0, viscosity: float = 1.0) -> Scene:
+        """A new scene with the stiffness and viscosity of every link multiplied by these factors (>= 0)."""
+        stiffness = validate.number("stiffness", stiffness, minimum=0.0)
+        viscosity = validate.number("viscosity", viscosity, minimum=0.0)
+        return self.replace(effects=tuple(effect.scaled(stiffness, viscosity) for effect in self.effects))
+
+
+def _effects(effects: Iterable[Any]) -> tuple[Effect, ...]:
+    if isinstance(effects, Effect):
+        effects = (effects,)
+    result = tuple(effects)
+    for effect in result:
+        if not isinstance(effect, Effect):
+            raise TypeError(f"effects must hold effects, such as effects.Gravity(), got {effect!r}")
+    kinds = [type(effect).__name__ for effect in result]
+    doubled = sorted({kind for kind in kinds if kinds.count(kind) > 1})
+    if doubled:
+        raise ValueError(f"effects must hold at most one effect of a kind, got several of {', '.join(doubled)}")
+    return result
+
+
+def _dtype(value: Any) -> str:
+    try:
+        name = np.dtype(value).name
+    except TypeError:
+        name = str(value)
+    return validate.choice("dtype", name, DTYPES)

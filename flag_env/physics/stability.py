@@ -1,0 +1,137 @@
+"""The step limit of a scene, known before it runs.
+
+The stiffness block of a spring never exceeds its stiffness in any pose, since 1 - l/d <= 1, and a damper's never its viscosity.
+So the scalar graph Laplacians K (weights k) and Z (weights z, and drag on the diagonal) of the free particles bound every pose,
+and an integrator's limit for the linear problem M x'' + Z x' + K x = 0 is safe for the nonlinear flag too. Eigenvalues: Lanczos
+(`scipy.sparse.linalg.eigsh`).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+from numpy.typing import NDArray
+
+from flag_env.physics.effects.base import Effect
+from flag_env.physics.integrators.base import Integrator
+from flag_env.physics.lattice import Lattice
+from flag_env.physics.scene import Scene
+
+AUTO = 0.9
+"""Share of the limit that `timestep="auto"` takes."""
+
+UNLIMITED = 1e-3
+"""Automatic timestep where nothing limits it [s]: a scene without springs or damping."""
+
+_DENSE = 60
+"""Free particles up to which dense eigenvalues are quicker than Lanczos."""
+
+
+class SceneSpectrum:
+    """Mass-scaled stiffness and damping of a scene's free particles, bounded over all poses."""
+
+    def __init__(self, lattice: Lattice, effects: tuple[Effect, ...]) -> None:
+        size, free = lattice.size, ~lattice.fixed
+        scale = scipy.sparse.diags_array(1.0 / np.sqrt(lattice.masses[free]))
+        stiffness, damping = _Laplacian(size), _Laplacian(size)
+        for effect in effects:
+            for term in effect.link_terms(lattice):
+                stiffness.add(term.family.offset, term.stiffness)
+                damping.add(term.family.offset, term.viscosity)
+            drag = effect.drag(lattice)
+            if drag is not None:
+                damping.diagonal += drag
+        self.stiffness = scale @ stiffness.matrix(free) @ scale
+        self.damping = scale @ damping.matrix(free) @ scale
+
+    def largest_step(self, quadratic: float, linear: float, bound: float) -> float:
+        """See `Spectrum`. Newton's iteration on h from above: with the top vector u of the last matrix, solve for h in
+        quadratic h^2 u'Ku + linear h u'Zu = bound; u gives a lower bound of the eigenvalue, so h never falls below the root.
+        """
+        if not self.stiffness.nnz and not self.damping.nnz:
+            return math.inf
+        step, vector = 1.0, None
+        for _ in range(50):
+            vector = self._top_vector(quadratic * step**2 * self.stiffness + linear * step * self.damping, vector)
+            a = quadratic * float(vector @ (self.stiffness @ vector))
+            b = linear * float(vector @ (self.damping @ vector))
+            last, step = step, 2.0 * bound / (b + math.sqrt(b * b + 4.0 * a * bound))
+            if abs(step - last) <= 1e-9 * step:
+                break
+        return step
+
+    def _top_vector(self, matrix: Any, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        size = matrix.shape[0]
+        if size <= _DENSE:
+            return scipy.linalg.eigh(matrix.toarray(), subset_by_index=(size - 1, size - 1))[1][:, 0]  # type: ignore[no-any-return]
+        if start is None:
+            start = self._start
+        return scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=start, tol=1e-8)[1][:, 0]  # type: ignore[no-any-return]
+
+    @cached_property
+    def _start(self) -> NDArray[np.float64]:
+        return np.random.default_rng(0).standard_normal(self.stiffness.shape[0])
+
+
+class _Laplacian:
+    """Weighted graph Laplacian, built family by family."""
+
+    def __init__(self, size: int) -> None:
+        self.diagonal = np.zeros(size)
+        self.offsets: list[int] = []
+        self.bands: list[NDArray[np.float64]] = []
+
+    def add(self, offset: int, weight: NDArray[np.float64]) -> None:
+        self.diagonal[: len(weight)] += weight
+        self.diagonal[offset:] += weight
+        self.offsets.append(offset)
+        self.bands.append(-weight)
+
+    def matrix(self, free: NDArray[np.bool_]) -> Any:
+        size = len(self.diagonal)
+        upper = scipy.sparse.diags_array(self.bands, offsets=self.offsets, shape=(size, size)) if self.bands else 0
+        lower = upper.T if self.bands else 0
+        whole = scipy.sparse.csr_array(scipy.sparse.diags_array(self.diagonal) + upper + lower)
+        part = whole[free][:, free]
+        part.eliminate_zeros()
+        return part
+
+
+@lru_cache(maxsize=256)
+def _limit(lattice: Lattice, effects: tuple[Effect, ...], integrator: Integrator) -> float:
+    if lattice.fixed.all():
+        return math.inf
+    return integrator.limit(SceneSpectrum(lattice, effects))
+
+
+def max_timestep(scene: Scene) -> float:
+    """Largest timestep [s] at which no pose of the scene makes its integrator unstable; infinite where nothing limits it.
+
+    Source: the report's stability analysis, K + 2 Z < 4, carried over to the lattice; see `Leapfrog`.
+    """
+    return _limit(scene.lattice, scene.effects, scene.integrator)
+
+
+def timestep_of(scene: Scene) -> float:
+    """The scene's timestep [s], "auto" resolved.
+
+    Raises
+    ------
+    ValueError
+        If it is above the limit and the scene does not allow that.
+    """
+    limit = max_timestep(scene)
+    if isinstance(scene.timestep, str):
+        return AUTO * limit if math.isfinite(limit) else UNLIMITED
+    if scene.timestep > limit and not scene.allow_unstable:
+        raise ValueError(
+            f"timestep must not exceed the scene's limit of {limit:.6g} s for {type(scene.integrator).__name__}, got "
+            f"{scene.timestep:.6g} s; take a smaller one or 'auto', soften or damp the links less, or set allow_unstable=True"
+        )
+    return scene.timestep
