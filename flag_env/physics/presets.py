@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from flag_env.physics import validate
@@ -13,17 +14,17 @@ REPORT_RATE = 1000.0
 """The report's sampling frequency Fe [Hz]."""
 
 
-def _cloth(rows: int, cols: int, layers: int, length: float, height: float, density: float, taper: float, pinned: Any) -> Lattice:
+def _cloth(rows: int, cols: int, length: float, height: float, density: float, taper: float, pinned: Any) -> Lattice:
     """A lattice of the given size [m] and areal density [kg/m^2], however fine."""
     rows, cols = validate.count("rows", rows), validate.count("cols", cols)
     length = validate.number("length", length, above=0.0)
     height = validate.number("height", height, above=0.0)
     density = validate.number("density", density, above=0.0)
     taper = validate.number("taper", taper, above=0.0)
-    mean_mass = density * length * height / (rows * cols * layers)
+    mean_mass = density * length * height / (rows * cols)
     mean_taper = 0.5 * (1.0 + taper) if cols > 1 else 1.0
     along, up = length / max(cols - 1, 1), height / max(rows - 1, 1)
-    return Lattice(layers, rows, cols, (along, up, min(along, up)), mean_mass / mean_taper, taper, pinned)
+    return Lattice(1, rows, cols, (along, up, min(along, up)), mean_mass / mean_taper, taper, pinned)
 
 
 def flag(
@@ -63,7 +64,7 @@ def flag(
     **scene
         Further fields of `Scene`: integrator, timestep, dtype, allow_unstable, perturbation.
     """
-    lattice = _cloth(rows, cols, 1, length, height, density, taper, pinned)
+    lattice = _cloth(rows, cols, length, height, density, taper, pinned)
     stiffness = validate.number("stiffness", stiffness, minimum=0.0)
     return Scene(
         lattice=lattice,
@@ -77,6 +78,26 @@ def flag(
         ),
         **{"perturbation": 1e-3 * min(lattice.steps), **scene},
     )
+
+
+def two_layer_flag(rows: int = 20, cols: int = 32, *, cross: float | None = None, **flag_options: Any) -> Scene:
+    """A flag of two layers held apart by struts and cube diagonals, which resist skewing in place of the shear links.
+
+    Parameters
+    ----------
+    rows, cols
+        Particles up and along.
+    cross
+        Stiffness of the cross-layer links [N/m]; None: that of the shear links they replace.
+    **flag_options
+        Everything that `flag` takes.
+    """
+    single = flag(rows, cols, **flag_options)
+    shear = next(effect for effect in single.effects if isinstance(effect, Shear))
+    lattice = replace(single.lattice, layers=2, mass=single.lattice.mass / 2)
+    links = CrossLayer(shear.stiffness if cross is None else cross, shear.viscosity, tapered=True)
+    effects = tuple(links if isinstance(effect, Shear) else effect for effect in single.effects)
+    return single.replace(lattice=lattice, effects=effects)
 
 
 def report_flag(layers: int = 1, rows: int = 10, cols: int = 15, **scene: Any) -> Scene:

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from flag_env.physics import validate
 from flag_env.physics.compose import compiled_run
 from flag_env.physics.effects.base import Wind
+from flag_env.physics.effects.cosine_wind import BoundCosineWind
 from flag_env.physics.mast import mast_points
 from flag_env.physics.scene import Scene
 from flag_env.physics.stability import max_timestep, timestep_of
@@ -268,6 +269,13 @@ class Simulator:
             for name, value in checked.items():
                 getattr(wind, name)[:] = value
 
+    def wind_force(self) -> NDArray[np.float64] | None:
+        """Wind force on every free particle now [N], shape (copies, 3); None in a scene without wind."""
+        winds = [bound for bound in self._effects if isinstance(bound, BoundCosineWind)]
+        if not winds:
+            return None
+        return sum(wind.mean + wind.amplitude * np.cos(wind.phase) for wind in winds)  # type: ignore[return-value]
+
     def set_parameters(self, stiffness_scale: float = 1.0, viscosity_scale: float = 1.0) -> None:
         """Multiply the scene's own stiffness and viscosity of all links by these factors from now on.
 
@@ -304,7 +312,7 @@ class Simulator:
         if n == 0:
             return
         before = self._failed_at >= 0
-        self._v[:, :, self._pinned] = (self._mast - self._x[:, :, self._pinned]) / (n * self._timestep)
+        self._v[:, :, self._pinned] = (self._mast.astype(self._dtype) - self._x[:, :, self._pinned]) / (n * self._timestep)
         self._run(n, None)
         moved = self._failed_at < 0
         self._x[np.ix_(moved, range(3), self._pinned)] = self._mast[moved]

@@ -84,20 +84,19 @@ class _Laplacian:
 
     def __init__(self, size: int) -> None:
         self.diagonal = np.zeros(size)
-        self.offsets: list[int] = []
-        self.bands: list[NDArray[np.float64]] = []
+        self.bands: dict[int, NDArray[np.float64]] = {}
 
     def add(self, offset: int, weight: NDArray[np.float64]) -> None:
         self.diagonal[: len(weight)] += weight
         self.diagonal[offset:] += weight
-        self.offsets.append(offset)
-        self.bands.append(-weight)
+        self.bands[offset] = self.bands.get(offset, 0.0) - weight  # on narrow lattices two directions share an offset
 
     def matrix(self, free: NDArray[np.bool_]) -> Any:
         size = len(self.diagonal)
-        upper = scipy.sparse.diags_array(self.bands, offsets=self.offsets, shape=(size, size)) if self.bands else 0
-        lower = upper.T if self.bands else 0
-        whole = scipy.sparse.csr_array(scipy.sparse.diags_array(self.diagonal) + upper + lower)
+        whole = scipy.sparse.csr_array(scipy.sparse.diags_array(self.diagonal))
+        if self.bands:
+            upper = scipy.sparse.diags_array(list(self.bands.values()), offsets=list(self.bands), shape=(size, size))
+            whole = scipy.sparse.csr_array(whole + upper + upper.T)
         part = whole[free][:, free]
         part.eliminate_zeros()
         return part

@@ -1,0 +1,43 @@
+"""The `flag-env` command."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+
+def targets(output: Path = Path(__file__).parent / "tasks" / "data", seed: int = 0, quick: bool = False) -> None:
+    """Build the library of target poses, replay every witness and write the files.
+
+    Args:
+        output: folder of the files.
+        seed: seed of the witnesses and hidden winds.
+        quick: build nothing; only replay the witnesses that are there.
+    """
+    from tqdm import tqdm
+
+    from flag_env.control import CONTROLS
+    from flag_env.envs import certify
+    from flag_env.envs.batch import LEVELS, Settings
+    from flag_env.tasks.targets import SIZES, SPLITS, read_targets
+
+    for control in CONTROLS:
+        for level in LEVELS:
+            path = output / f"{control}_{level}.npz"
+            if not quick:
+                with tqdm(total=sum(SIZES.values()), desc=f"{control} {level}") as bar:
+                    certify.save(path, certify.build(control, level, seed, bar.update))
+            for split in SPLITS:
+                worst = max(certify.check(Settings(control, level, split), read_targets(path, split)))
+                print(f"{path.name} {split:10}: {SIZES[split]} targets, worst distance {100 * worst:.2f} % of the diagonal")
+                if worst >= certify.STEADY:
+                    sys.exit(f"a witness of {path} does not reach its target")
+
+
+def main() -> None:
+    """Run a subcommand."""
+    try:
+        import tyro
+    except ImportError:
+        sys.exit('the flag-env command needs the extra "cli": pip install "flag_env[cli]"')
+    tyro.extras.subcommand_cli_from_dict({"targets": targets}, description="Studies and tools of flag_env.")

@@ -1,0 +1,67 @@
+"""What every control offers."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.physics import Scene, Simulator
+
+CONTROL_STEP = 0.04
+"""Duration of one action [s]."""
+
+Array = NDArray[np.float64]
+
+
+class Control:
+    """Actuators of many copies of a flag, driven by actions in [-1, 1].
+
+    Attributes
+    ----------
+    size
+        Number of entries of an action.
+    state_size
+        Number of entries of `state`.
+    """
+
+    size: ClassVar[int]
+    state_size: ClassVar[int]
+
+    def __init__(self, scene: Scene, copies: int) -> None:
+        self.check(scene)
+
+    @classmethod
+    def check(cls, scene: Scene) -> None:
+        """Raise ValueError if the scene lacks what the control acts on."""
+
+    def reset(self, copies: NDArray[np.intp]) -> None:
+        """Bring the actuators of these copies to rest."""
+        raise NotImplementedError
+
+    def apply(self, simulator: Simulator, actions: Array) -> None:
+        """Move the actuators on by one control step under `actions` (copies, size) and hand the result to the physics."""
+        raise NotImplementedError
+
+    @property
+    def state(self) -> Array:
+        """What an agent sees of the actuators, about unit-sized, shape (copies, state_size)."""
+        raise NotImplementedError
+
+    @staticmethod
+    def sample_witness(rng: np.random.Generator, steps: int) -> Array:
+        """A random sequence of actions (steps, size) that ends with the flag coming to rest."""
+        raise NotImplementedError
+
+
+def lag_factor(lag: float) -> float:
+    """Share of the way to its set-point that a first-order actuator of time constant `lag` [s] goes in one control step."""
+    return 1.0 - math.exp(-CONTROL_STEP / lag)
+
+
+def hold(levels: Any, lengths: tuple[int, ...], steps: int) -> Array:
+    """Piecewise constant actions (steps, size): each level for its length, the last one to the end."""
+    counts = (*lengths, steps - sum(lengths))
+    return np.repeat(np.asarray(levels, np.float64), counts, axis=0)

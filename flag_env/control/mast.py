@@ -1,0 +1,65 @@
+"""Mast control: the agent moves and tilts the mast.
+
+The action sets velocities (x, y, z) and tilt rates (about x, about y), which follow it with a lag of 0.1 s. The mast's foot stays
+inside a box, its tilt inside a range, both about the place of the start; at their edge the motion stops.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.control.base import CONTROL_STEP, Array, Control, hold, lag_factor
+from flag_env.physics import Scene, Simulator
+
+SPEED = np.array([1.5, 1.5, 1.5, 1.0, 1.0])
+"""Velocity at full action: x, y, z [m/s], about x, about y [rad/s]."""
+
+REACH = np.array([1.0, 1.0, 1.0, 0.6, 0.6])
+"""Largest displacement either way: x, y, z [m], about x, about y [rad]."""
+
+LAG = 0.1
+"""Time constant of the actuator [s]."""
+
+
+class MastControl(Control):
+    """Moves the pinned particles. State: pose / REACH, velocity / SPEED."""
+
+    size: ClassVar[int] = 5
+    state_size: ClassVar[int] = 10
+
+    def __init__(self, scene: Scene, copies: int) -> None:
+        super().__init__(scene, copies)
+        self._pose = np.zeros((copies, 5))
+        self._velocity = np.zeros((copies, 5))
+
+    @classmethod
+    def check(cls, scene: Scene) -> None:
+        """Raise ValueError unless the scene has pinned particles."""
+        if not scene.lattice.fixed.any():
+            raise ValueError(f"scene must pin particles to a mast for control='mast', got pinned={scene.lattice.pinned!r}")
+
+    def reset(self, copies: NDArray[np.intp]) -> None:
+        """Mast upright, at the origin, at rest."""
+        self._pose[copies] = 0.0
+        self._velocity[copies] = 0.0
+
+    def apply(self, simulator: Simulator, actions: Array) -> None:
+        """Let the velocities follow the set-points and say where the mast is to be at the end of the control step."""
+        self._velocity += lag_factor(LAG) * (SPEED * actions - self._velocity)
+        goal = np.clip(self._pose + CONTROL_STEP * self._velocity, -REACH, REACH)
+        self._velocity = (goal - self._pose) / CONTROL_STEP
+        self._pose = goal
+        simulator.set_mast(position=goal[:, :3], tilt=goal[:, 3:])
+
+    @property
+    def state(self) -> Array:
+        """Pose and velocity in units of their ranges, shape (copies, 10)."""
+        return np.concatenate([self._pose / REACH, self._velocity / SPEED], axis=1)
+
+    @staticmethod
+    def sample_witness(rng: np.random.Generator, steps: int) -> Array:
+        """Three strokes of 0.6 s, then rest."""
+        return hold(np.vstack([rng.uniform(-0.8, 0.8, (3, 5)), np.zeros(5)]), (15, 15, 15), steps)

@@ -1,0 +1,66 @@
+"""Wind control: the agent sets the amplitude of the cosine wind.
+
+The action is a set-point for u in [-1, 1]^3, which follows it with a lag of 0.2 s. Force on every free particle [N]:
+
+    mean particle mass x (MEAN + hidden offset + GAIN u cos(phase)),   phase' = FREQUENCY
+
+The frequencies are the report's. The hidden offset belongs to the episode, not to the control.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.control.base import Array, Control, hold, lag_factor
+from flag_env.physics import Scene, Simulator
+from flag_env.physics.effects import Wind
+
+GAIN = np.array([6.0, 8.0, 5.0])
+"""Wind acceleration at full action (x, y, z) [m/s^2]."""
+
+FREQUENCY = (0.04, 0.05, 0.35)
+"""Angular frequency of the wind (x, y, z) [rad/s]."""
+
+LAG = 0.2
+"""Time constant of the actuator [s]."""
+
+
+class WindControl(Control):
+    """Sets the wind's amplitude. State: u."""
+
+    size: ClassVar[int] = 3
+    state_size: ClassVar[int] = 3
+
+    def __init__(self, scene: Scene, copies: int) -> None:
+        super().__init__(scene, copies)
+        self._force = float(scene.lattice.masses.mean()) * GAIN
+        self._u = np.zeros((copies, 3))
+
+    @classmethod
+    def check(cls, scene: Scene) -> None:
+        """Raise ValueError unless the scene has a wind."""
+        if not any(isinstance(effect, Wind) for effect in scene.effects):
+            kinds = ", ".join(type(effect).__name__ for effect in scene.effects) or "none"
+            raise ValueError(f"scene must hold a wind, such as effects.CosineWind(), for control='wind'; its effects: {kinds}")
+
+    def reset(self, copies: NDArray[np.intp]) -> None:
+        """No wind from the agent."""
+        self._u[copies] = 0.0
+
+    def apply(self, simulator: Simulator, actions: Array) -> None:
+        """Let u follow the set-points and set the wind's amplitude."""
+        self._u += lag_factor(LAG) * (actions - self._u)
+        simulator.set_wind(amplitude=self._force * self._u, frequency=FREQUENCY)
+
+    @property
+    def state(self) -> Array:
+        """The actuators' u, shape (copies, 3)."""
+        return self._u
+
+    @staticmethod
+    def sample_witness(rng: np.random.Generator, steps: int) -> Array:
+        """A gust of 0.6 s, then a steady wind; |u| <= 0.8, so that an agent has something in hand."""
+        return hold(rng.uniform(-0.8, 0.8, (2, 3)), (15,), steps)

@@ -1,0 +1,250 @@
+"""Episodes of many flags in lock-step: what the single and the vector environments share, so that they agree bit for bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.control import CONTROLS, Control
+from flag_env.control.base import CONTROL_STEP
+from flag_env.physics import Diverged, Scene, Simulator, max_timestep, presets, validate
+from flag_env.physics.effects import Wind
+from flag_env.physics.stability import AUTO
+from flag_env.tasks.reward import REWARDS, reward_terms
+from flag_env.tasks.targets import SPLITS, Targets, load_targets
+
+Array = NDArray[np.float64]
+
+LEVELS = ("calm", "breeze")
+"""calm: the wind is known; breeze: each target comes with a hidden wind that the agent must feel through the flag."""
+
+EPISODE_STEPS = 75
+HOLD_STEPS = 10
+"""Steps in a row within tolerance that count as success."""
+
+WIND = np.array([6.0, 0.0, 0.0])
+"""Wind acceleration that is always there [m/s^2]."""
+
+OBSERVED = (3, 5)
+"""Rows and columns of the observed nodes."""
+
+LIMIT = 100.0
+"""Bound of every entry of an observation."""
+
+SCENES = ("flag", "two_layer_flag")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The environments' arguments, checked; see `FlagEnv` for their meaning."""
+
+    control: str = "wind"
+    level: str = "breeze"
+    split: str = "train"
+    scene: Scene | str = "flag"
+    tolerance: float = 0.05
+    reward: str = "shaped"
+
+    def __post_init__(self) -> None:
+        validate.choice("control", self.control, CONTROLS)
+        validate.choice("level", self.level, LEVELS)
+        validate.choice("split", self.split, SPLITS)
+        validate.choice("reward", self.reward, REWARDS)
+        object.__setattr__(self, "tolerance", validate.number("tolerance", self.tolerance, above=0.0))
+        if not isinstance(self.scene, Scene):
+            validate.choice("scene", self.scene, SCENES)
+        for control in CONTROLS[self.control]:
+            control.check(self.resolved_scene())
+
+    def resolved_scene(self) -> Scene:
+        """The scene to simulate, its timestep a whole fraction of the control step."""
+        return fitted(self.scene if isinstance(self.scene, Scene) else getattr(presets, self.scene)(rows=10, cols=16))
+
+
+def fitted(scene: Scene) -> Scene:
+    """The scene with its timestep lowered to a whole fraction of the control step."""
+    wanted = AUTO * max_timestep(scene) if isinstance(scene.timestep, str) else scene.timestep
+    return scene.replace(timestep=CONTROL_STEP / max(1, math.ceil(CONTROL_STEP / wanted - 1e-9)))
+
+
+DEFAULT_SCENE = fitted(presets.flag(rows=10, cols=16))
+"""The scene of the shipped targets."""
+
+
+@dataclass
+class Outcome:
+    """What one control step led to; every array leads with the copies."""
+
+    observation: NDArray[np.float32]
+    reward: Array
+    reward_terms: dict[str, Array]
+    distance: Array
+    success: NDArray[np.bool_]
+    diverged: NDArray[np.bool_]
+
+
+class FlagBatch:
+    """Many flags, each in an episode of its own.
+
+    Parameters
+    ----------
+    settings
+        The task.
+    copies
+        Number of flags.
+    threads
+        See `Simulator`.
+    library
+        The targets; None: the shipped ones.
+    """
+
+    def __init__(
+        self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None
+    ) -> None:
+        self.settings = settings
+        scene = settings.resolved_scene()
+        self.scene = scene
+        self.simulator = Simulator(scene, copies, threads=threads)
+        self.steps_per_action = round(CONTROL_STEP / self.simulator.timestep)
+        self.controls: list[Control] = [control(scene, copies) for control in CONTROLS[settings.control]]
+        self.library = library or load_targets(settings.control, settings.level, settings.split)
+        self.target = np.zeros((copies, *scene.lattice.shape, 3))
+        self.target_index = np.zeros(copies, np.int64)
+        self.hidden_wind = np.zeros((copies, 3))
+        self.positions = self.simulator.positions
+        self.velocities = self.simulator.velocities
+        self.distance = np.zeros(copies)
+        self.elapsed = np.zeros(copies, np.int64)
+        self.held = np.zeros(copies, np.int64)
+        self._start = Simulator(scene).get_state()
+        self._splits = np.cumsum([control.size for control in self.controls])[:-1]
+        self._nodes = _observed_nodes(scene)
+        self._mean_mass = float(scene.lattice.masses.mean())
+        self._poses: dict[int, Array] = {}
+        self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
+
+    @property
+    def copies(self) -> int:
+        """Number of flags."""
+        return self.simulator.copies
+
+    @property
+    def action_size(self) -> int:
+        """Entries of one flag's action."""
+        return sum(control.size for control in self.controls)
+
+    @property
+    def observation_size(self) -> int:
+        """Entries of one flag's observation."""
+        return 12 * len(self._nodes) + sum(control.state_size for control in self.controls) + 1
+
+    def reset(self, copies: Sequence[int], chosen: Sequence[int], poses: Array | None = None) -> None:
+        """Start an episode of each of `copies` with the target of the number in `chosen`, or the given target poses."""
+        which = np.asarray(copies, np.intp)
+        if poses is None:
+            poses = np.stack([self.pose(int(index)) for index in chosen])
+        self.simulator.set_state(self._start, copies=None if len(which) == self.copies else [int(copy) for copy in which])
+        for control in self.controls:
+            control.reset(which)
+        self.target_index[which] = chosen
+        self.target[which] = poses
+        self.hidden_wind[which] = self.library.wind[chosen]
+        self._set_ambient_wind()
+        self.elapsed[which] = 0
+        self.held[which] = 0
+        self.positions[which] = self.simulator.positions[which]
+        self.velocities[which] = self.simulator.velocities[which]
+        self.distance[which] = self._distances()[which]
+
+    def step(self, actions: Array) -> Outcome:
+        """Take one control step under `actions` (copies, action), finite; they are clipped to [-1, 1]."""
+        actions = np.clip(actions, -1.0, 1.0)
+        for control, part in zip(self.controls, np.split(actions, self._splits, axis=1), strict=True):
+            control.apply(self.simulator, part)
+        try:
+            self.simulator.step(self.steps_per_action)
+        except Diverged:
+            pass  # the copies concerned are marked, and end their episodes with their last finite numbers
+        ended = self.simulator.diverged
+        if ended.any():
+            alive = ~ended
+            self.positions[alive] = self.simulator.positions[alive]
+            self.velocities[alive] = self.simulator.velocities[alive]
+        else:
+            self.positions, self.velocities = self.simulator.positions, self.simulator.velocities
+        before, self.distance = self.distance, self._distances()
+        self.elapsed += 1
+        tolerance = self.settings.tolerance
+        self.held = np.where(self.distance < tolerance, self.held + 1, 0)
+        terms = reward_terms(self.settings.reward, before, self.distance, tolerance)
+        return Outcome(
+            self.observe(), np.sum(list(terms.values()), axis=0), terms, self.distance, self.held >= HOLD_STEPS, ended.copy()
+        )
+
+    def observe(self) -> NDArray[np.float32]:
+        """Observations, shape (copies, observation_size); see `FlagEnv` for their parts."""
+        count = self.copies
+        flat = (count, -1, 3)
+        here = self.positions.reshape(flat)[:, self._nodes]
+        goal = self.target.reshape(flat)[:, self._nodes]
+        left = np.maximum(1.0 - self.elapsed / EPISODE_STEPS, 0.0)
+        parts = [here, self.velocities.reshape(flat)[:, self._nodes], goal, goal - here]
+        rows = [part.reshape(count, -1) for part in parts]
+        rows += [control.state for control in self.controls]
+        observation = np.concatenate([*rows, left[:, None]], axis=1)
+        return np.clip(observation, -LIMIT, LIMIT).astype(np.float32)
+
+    def wind(self, copy: int = 0) -> Array | None:
+        """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
+        force = self.simulator.wind_force()
+        return None if force is None else force[copy] / self._mean_mass
+
+    def pose(self, index: int) -> Array:
+        """Target pose of a number [m]: as shipped; in another scene than the default, where its witness leads there."""
+        if self.scene == DEFAULT_SCENE:
+            return self.library.positions[index]
+        if index not in self._poses:
+            self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
+        return self._poses[index]
+
+    def _distances(self) -> Array:
+        """RMS distance of the particles to their targets / flag diagonal, shape (copies,)."""
+        difference = (self.positions - self.target).reshape(self.copies, -1)
+        square = np.einsum("ij,ij->i", difference, difference) / self.scene.lattice.size
+        return np.sqrt(square) / self.scene.lattice.diagonal  # type: ignore[no-any-return]
+
+    def _set_ambient_wind(self) -> None:
+        if self._windy:
+            self.simulator.set_wind(mean=self._mean_mass * (WIND + self.hidden_wind))
+
+
+def _observed_nodes(scene: Scene) -> NDArray[np.int64]:
+    """Flat numbers of the observed particles: evenly spread over layer 0, the mast's column left out."""
+    _, rows, cols = scene.lattice.shape
+    row = np.rint(np.linspace(0, rows - 1, OBSERVED[0])).astype(np.int64)
+    col = np.rint(np.linspace(min(1, cols - 1), cols - 1, OBSERVED[1])).astype(np.int64)
+    return (row[:, None] * cols + col).ravel()
+
+
+def replay(settings: Settings, witnesses: Targets, indices: Sequence[int]) -> Array:
+    """Poses after each of the last `HOLD_STEPS` steps when these witnesses are replayed, shape (steps, targets, ..., 3).
+
+    Raises
+    ------
+    Diverged
+        If the scene does not survive a witness.
+    """
+    batch = FlagBatch(settings, len(indices), library=witnesses)
+    batch.reset(range(len(indices)), indices, np.zeros((len(indices), *batch.scene.lattice.shape, 3)))
+    actions = np.stack([witnesses.actions(index) for index in indices], axis=1).astype(np.float64)
+    poses = []
+    for row in actions:
+        if batch.step(row).diverged.any():
+            raise Diverged(batch.simulator.time, int(np.argmax(batch.simulator.diverged)), (0, 0, 0))
+        poses.append(batch.positions)
+    return np.stack(poses[-HOLD_STEPS:])

@@ -1,0 +1,188 @@
+"""The single environment, `Flag-v0`."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from flag_env.control.base import CONTROL_STEP
+from flag_env.envs.batch import LIMIT, FlagBatch, Outcome, Settings
+from flag_env.envs.picture import Picture
+from flag_env.physics import Scene, Simulator
+
+RENDER_MODES = ("rgb_array",)
+
+
+class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A flag is to take a target pose and hold it.
+
+    ## Description
+
+    A tapered mass-spring cloth of 1.5 m x 1.0 m hangs on a mast in a steady wind. In each episode the agent is shown a target pose
+    and has 3 s (75 actions of 0.04 s) to bring every particle of the flag there and keep it there. Every target is certified: a
+    stored sequence of actions, its witness, is known to reach it.
+
+    ## Action space
+
+    `Box(-1, 1)`; values outside are clipped, NaN and infinity refused.
+
+    `control="wind"`: 3 entries, set-points of the wind's amplitude along x, y, z. The amplitude follows with a lag of 0.2 s; at full
+    action it accelerates the cloth by 6, 8, 5 m/s^2, times a slow cosine, on top of a steady 6 m/s^2 along x.
+
+    `control="mast"`: 5 entries, set-points of the mast's velocity along x, y, z (at full action 1.5 m/s) and of its tilt rates about
+    x and y (1 rad/s). They are followed with a lag of 0.1 s, within +-1 m and +-0.6 rad of the start.
+
+    ## Observation space
+
+    `Box(-100, 100)`, float32; the nodes are 3 rows x 5 columns of particles:
+
+    | entries | what | unit |
+    |---|---|---|
+    | 45 | positions of the nodes (x, y, z of each, row by row from below) | m |
+    | 45 | their velocities | m/s |
+    | 45 | target positions of the nodes | m |
+    | 45 | target minus position | m |
+    | 3 or 10 | actuators: wind amplitude; or mast pose and velocity | share of its range |
+    | 1 | time left | share of the episode |
+
+    ## Rewards
+
+    With d = RMS distance of the particles to their targets / flag diagonal, "shaped" gives 0.1 for d < tolerance plus
+    3 (d_before - 0.98 d), a potential-based term; "dense" gives -d; "sparse" gives -1 for d >= tolerance, else 0.
+
+    ## Start and end
+
+    The flag starts flat and at rest; the seed picks the target. `reset(options={"target": i})` picks target i of the split.
+    An episode is truncated after 75 steps (`TimeLimit`); it terminates only if the simulation diverges.
+
+    `info`: `distance` d; `is_success`: whether d < tolerance held on each of the last 10 steps; `reward_terms`; `diverged`;
+    `target`: number of the target in its split.
+
+    ## Arguments
+
+    | name | default | meaning |
+    |---|---|---|
+    | `control` | "wind" | "wind" or "mast" |
+    | `level` | "breeze" | "calm": the wind is known; "breeze": each target comes with a hidden wind of up to (3, 4, 3) m/s^2 |
+    | `split` | "train" | "train" (768 targets), "validation" or "test" (128 each) |
+    | `scene` | "flag" | a preset's name (at 10 x 16 particles) or a `Scene`; targets are then where the witnesses lead there |
+    | `tolerance` | 0.05 | distance that counts as reached, in flag diagonals |
+    | `reward` | "shaped" | "shaped", "dense" or "sparse" |
+    | `render_mode` | None | "rgb_array" |
+    | `width`, `height` | 480 | size of a frame in pixels |
+
+    ## Versions
+
+    * v0: first release.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / CONTROL_STEP)}
+
+    def __init__(
+        self,
+        control: str = "wind",
+        level: str = "breeze",
+        split: str = "train",
+        scene: Scene | str = "flag",
+        tolerance: float = 0.05,
+        reward: str = "shaped",
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+    ) -> None:
+        if render_mode not in (None, *RENDER_MODES):
+            raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
+        self.render_mode = render_mode
+        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance, reward))
+        self._picture = Picture(width, height)
+        self._started = False
+        self.action_space = spaces.Box(-1.0, 1.0, (self._batch.action_size,), np.float32)
+        self.observation_space = spaces.Box(-LIMIT, LIMIT, (self._batch.observation_size,), np.float32)
+
+    @property
+    def simulator(self) -> Simulator:
+        """The flag's simulator."""
+        return self._batch.simulator
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """Target positions [m], shape (layers, rows, cols, 3)."""
+        return self._batch.target[0].copy()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed
+            See Gymnasium.
+        options
+            {"target": number of a target of the split}, or None for a random one.
+        """
+        target = chosen_target(options, len(self._batch.library))
+        super().reset(seed=seed)
+        if target is None:
+            target = int(self.np_random.integers(len(self._batch.library)))
+        self._batch.reset([0], [target])
+        self._started = True
+        return self._batch.observe()[0], self._info()
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Take one control step of 0.04 s."""
+        checked = checked_actions(action, self.action_space.shape or ())
+        if not self._started:
+            raise gymnasium.error.ResetNeeded("reset() must be called before step()")
+        outcome = self._batch.step(checked[None])
+        return outcome.observation[0], float(outcome.reward[0]), bool(outcome.diverged[0]), False, self._info(outcome)
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """A frame (height, width, 3) with `render_mode="rgb_array"`, else None."""
+        if self.render_mode is None:
+            gymnasium.logger.warn('render() draws nothing without render_mode="rgb_array" in gymnasium.make')
+            return None
+        return self._picture.draw(self._batch)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._picture.close()
+
+    def _info(self, outcome: Outcome | None = None) -> dict[str, Any]:
+        terms = {} if outcome is None else {name: float(term[0]) for name, term in outcome.reward_terms.items()}
+        return {
+            "distance": float(self._batch.distance[0]),
+            "is_success": bool(outcome is not None and outcome.success[0]),
+            "reward_terms": terms,
+            "diverged": bool(outcome is not None and outcome.diverged[0]),
+            "target": int(self._batch.target_index[0]),
+        }
+
+
+def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """The action as float64; raise ValueError unless it is finite and of `shape`."""
+    result = np.asarray(action, dtype=np.float64)
+    if result.shape != shape:
+        raise ValueError(f"action must have the shape {shape}, got {result.shape}")
+    if not np.isfinite(result).all():
+        raise ValueError(f"action must be finite, got {action!r}")
+    return result
+
+
+def chosen_target(options: dict[str, Any] | None, count: int) -> int | None:
+    """The target that reset options ask for, if any."""
+    unknown = set(options or {}) - {"target"}
+    if unknown:
+        raise ValueError(f"options must hold no other key than 'target', got {sorted(unknown)}")
+    target = (options or {}).get("target")
+    if target is None:
+        return None
+    if isinstance(target, bool) or not isinstance(target, (int, np.integer)) or not 0 <= target < count:
+        raise ValueError(f"options['target'] must be a whole number from 0 to {count - 1}, got {target!r}")
+    return int(target)

@@ -1,0 +1,1 @@
+"""What is asked of an agent: target poses that are known to be reachable, and rewards."""

@@ -1,0 +1,33 @@
+"""Rewards of a step: named terms that sum to the reward.
+
+`d` is the distance to the target (RMS over the particles / flag diagonal), `tolerance` the distance that counts as reached.
+
+"shaped":  in_tolerance = 0.1 [d < tolerance];  approach = 3 (d_before - 0.98 d)
+"dense":   distance = -d
+"sparse":  miss = -[d >= tolerance]
+
+The approach term is potential-based, with potential -3 d and discount 0.98, so that it leaves the best policies as they are
+(Ng, Harada, Russell 1999).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BONUS = 0.1
+SLOPE = 3.0
+DISCOUNT = 0.98
+
+REWARDS = ("shaped", "dense", "sparse")
+
+
+def reward_terms(kind: str, before: Array, distance: Array, tolerance: float) -> dict[str, Array]:
+    """Terms of the reward `kind`, each of the shape of `distance`; `before` is the distance one step earlier."""
+    if kind == "shaped":
+        return {"in_tolerance": BONUS * (distance < tolerance), "approach": SLOPE * (before - DISCOUNT * distance)}
+    if kind == "dense":
+        return {"distance": -distance}
+    return {"miss": -1.0 * (distance >= tolerance)}
