@@ -34,10 +34,22 @@ def targets(output: Path = Path(__file__).parent / "tasks" / "data", seed: int =
                     sys.exit(f"a witness of {path} does not reach its target")
 
 
+def speed(output: Path = Path("runs/speed"), quick: bool = False) -> None:
+    """Measure the simulator's speed beside a plain Numba flag.
+
+    Args:
+        output: folder for speed.json and speed.png.
+        quick: fewer repetitions.
+    """
+    from flag_env.studies.speed import run
+
+    run(output, quick)
+
+
 def main() -> None:
     """Run a subcommand."""
     try:
         import tyro
     except ImportError:
         sys.exit('the flag-env command needs the extra "cli": pip install "flag_env[cli]"')
-    tyro.extras.subcommand_cli_from_dict({"targets": targets}, description="Studies and tools of flag_env.")
+    tyro.extras.subcommand_cli_from_dict({"speed": speed, "targets": targets}, description="Studies and tools of flag_env.")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,9 +103,7 @@ class FlagBatch:
         The targets; None: the shipped ones.
     """
 
-    def __init__(
-        self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None
-    ) -> None:
+    def __init__(self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None) -> None:
         self.settings = settings
         scene = settings.resolved_scene()
         self.scene = scene
@@ -166,25 +164,18 @@ class FlagBatch:
         actions = np.clip(actions, -1.0, 1.0)
         for control, part in zip(self.controls, np.split(actions, self._splits, axis=1), strict=True):
             control.apply(self.simulator, part)
-        try:
+        with contextlib.suppress(Diverged):  # the copies concerned end their episodes with their last finite numbers
             self.simulator.step(self.steps_per_action)
-        except Diverged:
-            pass  # the copies concerned are marked, and end their episodes with their last finite numbers
-        ended = self.simulator.diverged
-        if ended.any():
-            alive = ~ended
-            self.positions[alive] = self.simulator.positions[alive]
-            self.velocities[alive] = self.simulator.velocities[alive]
-        else:
-            self.positions, self.velocities = self.simulator.positions, self.simulator.velocities
+        positions, velocities = self.simulator.positions, self.simulator.velocities
+        ended = _beyond(positions, LIMIT) | _beyond(velocities, np.finfo(np.float64).max)
+        positions[ended], velocities[ended] = self.positions[ended], self.velocities[ended]
+        self.positions, self.velocities = positions, velocities
         before, self.distance = self.distance, self._distances()
         self.elapsed += 1
         tolerance = self.settings.tolerance
         self.held = np.where(self.distance < tolerance, self.held + 1, 0)
         terms = reward_terms(self.settings.reward, before, self.distance, tolerance)
-        return Outcome(
-            self.observe(), np.sum(list(terms.values()), axis=0), terms, self.distance, self.held >= HOLD_STEPS, ended.copy()
-        )
+        return Outcome(self.observe(), np.sum(list(terms.values()), axis=0), terms, self.distance, self.held >= HOLD_STEPS, ended)
 
     def observe(self) -> NDArray[np.float32]:
         """Observations, shape (copies, observation_size); see `FlagEnv` for their parts."""
@@ -197,7 +188,7 @@ class FlagBatch:
         rows = [part.reshape(count, -1) for part in parts]
         rows += [control.state for control in self.controls]
         observation = np.concatenate([*rows, left[:, None]], axis=1)
-        return np.clip(observation, -LIMIT, LIMIT).astype(np.float32)
+        return np.asarray(np.clip(observation, -LIMIT, LIMIT), np.float32)
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
@@ -207,7 +198,7 @@ class FlagBatch:
     def pose(self, index: int) -> Array:
         """Target pose of a number [m]: as shipped; in another scene than the default, where its witness leads there."""
         if self.scene == DEFAULT_SCENE:
-            return self.library.positions[index]
+            return np.asarray(self.library.positions[index])
         if index not in self._poses:
             self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
         return self._poses[index]
@@ -216,11 +207,16 @@ class FlagBatch:
         """RMS distance of the particles to their targets / flag diagonal, shape (copies,)."""
         difference = (self.positions - self.target).reshape(self.copies, -1)
         square = np.einsum("ij,ij->i", difference, difference) / self.scene.lattice.size
-        return np.sqrt(square) / self.scene.lattice.diagonal  # type: ignore[no-any-return]
+        return np.asarray(np.sqrt(square) / self.scene.lattice.diagonal)
 
     def _set_ambient_wind(self) -> None:
         if self._windy:
             self.simulator.set_wind(mean=self._mean_mass * (WIND + self.hidden_wind))
+
+
+def _beyond(values: Array, bound: float) -> NDArray[np.bool_]:
+    """Which copies hold a number that is not finite or larger than `bound`, shape (copies,)."""
+    return np.asarray(~(np.abs(values).reshape(len(values), -1).max(axis=1) <= bound))
 
 
 def _observed_nodes(scene: Scene) -> NDArray[np.int64]:

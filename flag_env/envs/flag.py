@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -13,6 +13,7 @@ from flag_env.control.base import CONTROL_STEP
 from flag_env.envs.batch import LIMIT, FlagBatch, Outcome, Settings
 from flag_env.envs.picture import Picture
 from flag_env.physics import Scene, Simulator
+from flag_env.tasks.targets import Targets
 
 RENDER_MODES = ("rgb_array",)
 
@@ -22,19 +23,19 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Description
 
-    A tapered mass-spring cloth of 1.5 m x 1.0 m hangs on a mast in a steady wind. In each episode the agent is shown a target pose
-    and has 3 s (75 actions of 0.04 s) to bring every particle of the flag there and keep it there. Every target is certified: a
-    stored sequence of actions, its witness, is known to reach it.
+    A tapered mass-spring cloth of 1.5 m x 1.0 m hangs on a mast in a steady wind. In each episode the agent is shown a target
+    pose and has 3 s (75 actions of 0.04 s) to bring every particle of the flag there and keep it there. Every target is
+    certified: a stored sequence of actions, its witness, is known to reach it.
 
     ## Action space
 
     `Box(-1, 1)`; values outside are clipped, NaN and infinity refused.
 
-    `control="wind"`: 3 entries, set-points of the wind's amplitude along x, y, z. The amplitude follows with a lag of 0.2 s; at full
-    action it accelerates the cloth by 6, 8, 5 m/s^2, times a slow cosine, on top of a steady 6 m/s^2 along x.
+    `control="wind"`: 3 entries, set-points of the wind's amplitude along x, y, z. The amplitude follows with a lag of 0.2 s; at
+    full action it accelerates the cloth by 6, 8, 5 m/s^2, times a slow cosine, on top of a steady 6 m/s^2 along x.
 
-    `control="mast"`: 5 entries, set-points of the mast's velocity along x, y, z (at full action 1.5 m/s) and of its tilt rates about
-    x and y (1 rad/s). They are followed with a lag of 0.1 s, within +-1 m and +-0.6 rad of the start.
+    `control="mast"`: 5 entries, set-points of the mast's velocity along x, y, z (at full action 1.5 m/s) and of its tilt rates
+    about x and y (1 rad/s). They are followed with a lag of 0.1 s, within +-1 m and +-0.6 rad of the start.
 
     ## Observation space
 
@@ -80,7 +81,7 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v0: first release.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / CONTROL_STEP)}
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / CONTROL_STEP)}  # noqa: RUF012
 
     def __init__(
         self,
@@ -109,9 +110,14 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._batch.simulator
 
     @property
+    def library(self) -> Targets:
+        """The targets of the split, with their witnesses."""
+        return self._batch.library
+
+    @property
     def target(self) -> NDArray[np.float64]:
         """Target positions [m], shape (layers, rows, cols, 3)."""
-        return self._batch.target[0].copy()
+        return np.array(self._batch.target[0])
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -133,9 +139,7 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._started = True
         return self._batch.observe()[0], self._info()
 
-    def step(
-        self, action: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one control step of 0.04 s."""
         checked = checked_actions(action, self.action_space.shape or ())
         if not self._started:
@@ -143,7 +147,7 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         outcome = self._batch.step(checked[None])
         return outcome.observation[0], float(outcome.reward[0]), bool(outcome.diverged[0]), False, self._info(outcome)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) with `render_mode="rgb_array"`, else None."""
         if self.render_mode is None:
             gymnasium.logger.warn('render() draws nothing without render_mode="rgb_array" in gymnasium.make')

@@ -51,7 +51,7 @@ def snapshot(batch: FlagBatch, copy: int = 0) -> Snapshot:
     positions = batch.positions[copy]
     length, height = lattice.extent
     reach = 0.35 * lattice.diagonal if batch.settings.control == "wind" else 0.35 * lattice.diagonal + 1.0
-    low = np.array([-reach, -0.75 * lattice.diagonal, -0.75 * lattice.diagonal])
+    low = np.array([-reach, -0.75 * lattice.diagonal, -0.4 * lattice.diagonal - reach])
     high = np.array([length + reach, 0.75 * lattice.diagonal, height + reach])
     return Snapshot(
         positions=positions,

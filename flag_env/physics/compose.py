@@ -51,7 +51,7 @@ def advance(effects: Any, copy: int, seconds: float) -> None:
 
 @overload(forces, jit_options=_OPTIONS, strict=False)
 def _compile_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
-    def run(effects, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
+    def run(effects, copy, x, v, f, scratch, lag):
         for d in range(f.shape[0]):
             _clear(f[d], f.shape[1])
         _add_forces(effects, copy, x, v, f, scratch, lag)
@@ -69,7 +69,7 @@ def _compile_add_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch
         return lambda effects, copy, x, v, f, scratch, lag: None
     force = effects.types[0].instance_class.force
 
-    def run(effects, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
+    def run(effects, copy, x, v, f, scratch, lag):
         force(effects[0], copy, x, v, f, scratch, lag)
         _add_forces(effects[1:], copy, x, v, f, scratch, lag)
 
@@ -84,7 +84,7 @@ def _compile_advance(effects: Any, copy: int, seconds: float) -> Any:
     if move is None:
         return lambda effects, copy, seconds: advance(effects[1:], copy, seconds)
 
-    def run(effects, copy, seconds):  # type: ignore[no-untyped-def]
+    def run(effects, copy, seconds):
         move(effects[0], copy, seconds)
         advance(effects[1:], copy, seconds)
 
@@ -144,9 +144,7 @@ def _first_non_finite(x: Any, v: Any) -> int:
 
 
 def _make_run() -> Callable[..., Any]:
-    def run(  # type: ignore[no-untyped-def]
-        method, effects, x, v, f, scratch, inverse_mass, steps, first, last, failed_at, failed_particle, read, out
-    ):
+    def run(method, effects, x, v, f, scratch, inverse_mass, steps, first, last, failed_at, failed_particle, read, out):
         """Take `steps` steps of the copies `first <= copy < last` that have not failed; note the step at which one fails.
 
         With `read`, write the velocities at the instant of the positions into `out` afterwards.

@@ -22,4 +22,4 @@ def mast_points(
     rest: NDArray[np.float64], position: NDArray[np.float64], tilt: NDArray[np.float64], yaw: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Points fixed to n masts [m], shape (n, points, 3), for `rest` (points, 3) and poses (n, 3), (n, 2), (n,)."""
-    return np.einsum("nij,pj->npi", rotation(tilt, yaw), rest) + position[:, None]
+    return np.asarray(np.einsum("nij,pj->npi", rotation(tilt, yaw), rest) + position[:, None])

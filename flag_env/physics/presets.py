@@ -103,9 +103,9 @@ def two_layer_flag(rows: int = 20, cols: int = 32, *, cross: float | None = None
 def report_flag(layers: int = 1, rows: int = 10, cols: int = 15, **scene: Any) -> Scene:
     """The student report's flag in the report's own units (unit spacing and mass), its vertical turned to z.
 
-    k = 0.1 m Fe^2, z = 0.01 m Fe, Fe = 1000 Hz, timestep 1/Fe; mass, k and z taper to 10 %. Gravity (5 Fe) and the cosine wind pull
-    every free particle with the same force. One layer has structural, shear and bending links; with two, struts and cube diagonals
-    take the place of the shear links.
+    k = 0.1 m Fe^2, z = 0.01 m Fe, Fe = 1000 Hz, timestep 1/Fe; mass, k and z taper to 10 %. Gravity (5 Fe) and the cosine wind
+    pull every free particle with the same force. One layer has structural, shear and bending links; with two, struts and cube
+    diagonals take the place of the shear links.
 
     Parameters
     ----------

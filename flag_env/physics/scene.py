@@ -48,7 +48,7 @@ class Scene:
 
     lattice: Lattice
     effects: tuple[Effect, ...] = ()
-    integrator: Integrator = Leapfrog()
+    integrator: Integrator = Leapfrog()  # noqa: RUF009  (immutable)
     timestep: float | str = "auto"
     dtype: str = "float64"
     allow_unstable: bool = False
@@ -101,6 +101,8 @@ class Scene:
 def _effects(effects: Iterable[Any]) -> tuple[Effect, ...]:
     if isinstance(effects, Effect):
         effects = (effects,)
+    if not isinstance(effects, Iterable):
+        raise TypeError(f"effects must hold effects, such as effects.Gravity(), got {effects!r}")
     result = tuple(effects)
     for effect in result:
         if not isinstance(effect, Effect):

@@ -27,7 +27,7 @@ _SERIAL = 20_000
 """Particle-steps below which waking threads costs more than it gains."""
 
 
-class Diverged(FloatingPointError):
+class Diverged(FloatingPointError):  # noqa: N818  (a public name)
     """A simulation has reached numbers that are not finite.
 
     Attributes
@@ -206,14 +206,22 @@ class Simulator:
             raise ValueError(f"state must have positions of shape {self._x.shape}, got {state.positions.shape}")
         if state.positions.dtype != self._dtype or len(state.effects) != len(self._effects):
             raise ValueError("state must come from a simulator of the same scene (effects and dtype)")
-        to = list(range(self._copies)) if copies is None else list(copies)
-        if any(not 0 <= copy < self._copies for copy in to):
+        to = list(range(self._copies)) if copies is None else [validate.count("copies", copy, minimum=0) for copy in copies]
+        if any(copy >= self._copies for copy in to):
             raise ValueError(f"copies must be numbers from 0 to {self._copies - 1}, got {to}")
         source = to if count == self._copies else [0] * len(to)
-        pairs = [(self._x, state.positions), (self._v, state.velocities), (self._mast, state.mast), (self._stepped, state.stepped)]
+        pairs = [
+            (self._x, state.positions),
+            (self._v, state.velocities),
+            (self._mast, state.mast),
+            (self._stepped, state.stepped),
+        ]
         pairs += [(self._failed_at, state.failed_at), (self._failed_particle, state.failed_particle)]
-        for mine, theirs in zip(self._effect_state(), state.effects, strict=True):
-            pairs += zip(mine, theirs, strict=True)
+        mine_too = [array for arrays in self._effect_state() for array in arrays]
+        theirs_too = [array for arrays in state.effects for array in arrays]
+        pairs += zip(mine_too, theirs_too, strict=False)
+        if len(mine_too) != len(theirs_too) or any(mine.shape[1:] != theirs.shape[1:] for mine, theirs in pairs):
+            raise ValueError("state must come from a simulator of the same scene (pinned particles and effects)")
         for mine, theirs in pairs:
             mine[to] = theirs[source]
         if copies is None:
@@ -257,9 +265,7 @@ class Simulator:
         ValueError
             If the scene has no wind or a value is not finite or of the wrong shape.
         """
-        winds = [
-            bound for effect, bound in zip(self._scene.effects, self._effects, strict=True) if isinstance(effect, Wind)
-        ]
+        winds = [bound for effect, bound in zip(self._scene.effects, self._effects, strict=True) if isinstance(effect, Wind)]
         if not winds:
             raise ValueError("scene must hold a wind for set_wind, such as effects.CosineWind(); it has none")
         given = {"amplitude": amplitude, "frequency": frequency, "mean": mean}
@@ -315,7 +321,7 @@ class Simulator:
         self._v[:, :, self._pinned] = (self._mast.astype(self._dtype) - self._x[:, :, self._pinned]) / (n * self._timestep)
         self._run(n, None)
         moved = self._failed_at < 0
-        self._x[np.ix_(moved, range(3), self._pinned)] = self._mast[moved]
+        self._x[np.ix_(moved, np.arange(3), self._pinned)] = self._mast[moved]
         self._stepped[:] = True
         self._steps_taken += n
         new = np.flatnonzero((self._failed_at >= 0) & ~before)
@@ -351,7 +357,9 @@ class Simulator:
         return getattr(self, "_scaled", self._scene).effects
 
     def _effect_state(self) -> list[tuple[NDArray[Any], ...]]:
-        return [tuple(getattr(bound, name) for name in getattr(bound, "state", ())) for bound in self._effects]
+        return [
+            tuple(getattr(bound, name) for name in (bound.state() if hasattr(bound, "state") else ())) for bound in self._effects
+        ]
 
     def _run(self, steps: int, velocities: NDArray[Any] | None) -> None:
         """Step all copies, or, with an array to write to, only read the velocities at the instant of the positions."""
@@ -391,6 +399,9 @@ class Simulator:
     def _flat(self, name: str, value: ArrayLike) -> NDArray[np.float64]:
         shape = (*self._scene.lattice.shape, 3)
         checked = validate.array(name, value, shape, (self._copies, *shape))
+        largest = np.abs(checked).max()
+        if largest > np.finfo(self._dtype).max:
+            raise ValueError(f"{name} must fit the scene's {self._dtype}, got a magnitude of {largest:g}")
         flat = checked.reshape(-1, self._scene.lattice.size, 3).transpose(0, 2, 1)
         return np.broadcast_to(flat, self._x.shape)
 

@@ -69,14 +69,14 @@ class SceneSpectrum:
     def _top_vector(self, matrix: Any, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
         size = matrix.shape[0]
         if size <= _DENSE:
-            return scipy.linalg.eigh(matrix.toarray(), subset_by_index=(size - 1, size - 1))[1][:, 0]  # type: ignore[no-any-return]
-        if start is None:
-            start = self._start
-        return scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=start, tol=1e-8)[1][:, 0]  # type: ignore[no-any-return]
+            vectors = scipy.linalg.eigh(matrix.toarray(), subset_by_index=(size - 1, size - 1))[1]
+        else:
+            vectors = scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=self._start if start is None else start, tol=1e-8)[1]
+        return np.asarray(vectors[:, 0])
 
     @cached_property
     def _start(self) -> NDArray[np.float64]:
-        return np.random.default_rng(0).standard_normal(self.stiffness.shape[0])
+        return np.random.default_rng(0).standard_normal(int(self.stiffness.shape[0]))
 
 
 class _Laplacian:
@@ -84,7 +84,7 @@ class _Laplacian:
 
     def __init__(self, size: int) -> None:
         self.diagonal = np.zeros(size)
-        self.bands: dict[int, NDArray[np.float64]] = {}
+        self.bands: dict[int, Any] = {}
 
     def add(self, offset: int, weight: NDArray[np.float64]) -> None:
         self.diagonal[: len(weight)] += weight

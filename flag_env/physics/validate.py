@@ -19,20 +19,23 @@ def count(name: str, value: Any, minimum: int = 1) -> int:
     return int(value)
 
 
+def boolean(name: str, value: Any) -> bool:
+    """Return `value` as a bool; raise unless it is True or False."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name} must be True or False, got {value!r}")
+    return bool(value)
+
+
 def number(name: str, value: Any, *, minimum: float = -math.inf, above: float = -math.inf, maximum: float = math.inf) -> float:
     """Return `value` as a float; raise unless it is finite, >= `minimum`, > `above` and <= `maximum`."""
-    if isinstance(value, (bool, str)) or np.ndim(value) != 0:
-        raise TypeError(f"{name} must be a number, got {value!r}")
     try:
+        if isinstance(value, (bool, str)) or np.ndim(value) != 0:
+            raise TypeError
         result = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TypeError(f"{name} must be a number, got {value!r}") from None
     if not math.isfinite(result) or result < minimum or result <= above or result > maximum:
-        bounds = [
-            f"{sign} {bound:g}"
-            for sign, bound in ((">=", minimum), (">", above), ("<=", maximum))
-            if math.isfinite(bound)
-        ]
+        bounds = [f"{sign} {bound:g}" for sign, bound in ((">=", minimum), (">", above), ("<=", maximum)) if math.isfinite(bound)]
         raise ValueError(f"{name} must be finite{''.join(' and ' + bound for bound in bounds)}, got {value!r}")
     return result
 

@@ -27,7 +27,7 @@ REWARDS = ("shaped", "dense", "sparse")
 def reward_terms(kind: str, before: Array, distance: Array, tolerance: float) -> dict[str, Array]:
     """Terms of the reward `kind`, each of the shape of `distance`; `before` is the distance one step earlier."""
     if kind == "shaped":
-        return {"in_tolerance": BONUS * (distance < tolerance), "approach": SLOPE * (before - DISCOUNT * distance)}
+        return {"in_tolerance": np.where(distance < tolerance, BONUS, 0.0), "approach": SLOPE * (before - DISCOUNT * distance)}
     if kind == "dense":
         return {"distance": -distance}
-    return {"miss": -1.0 * (distance >= tolerance)}
+    return {"miss": np.where(distance >= tolerance, -1.0, 0.0)}

@@ -18,22 +18,22 @@ from flag_env.physics.lattice import Lattice
 
 
 @kernel
-def _brake(f, v, drag, n):  # type: ignore[no-untyped-def]
+def _brake(f, v, drag, n):
     for t in range(n):
         f[t] -= drag[t] * v[t]
-
-
-@jit
-def _force(bound, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
-    for d in range(f.shape[0]):
-        _brake(f[d], v[d], bound.drag, f.shape[1])
 
 
 class BoundAirDrag(NamedTuple):
     """`drag` (particles,) [N s/m]."""
 
     drag: NDArray[Any]
-    force = staticmethod(_force)
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Subtract the drag."""
+        for d in range(f.shape[0]):
+            _brake(f[d], v[d], bound.drag, f.shape[1])
 
 
 @dataclass(frozen=True)

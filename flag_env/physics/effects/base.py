@@ -45,10 +45,12 @@ class Effect:
     def drag(self, lattice: Lattice) -> NDArray[np.float64] | None:
         """Damping of each particle against still air [N s/m], shape (particles,), or None."""
         del lattice
+        return None
 
     def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
         """Potential energy [J], shape (copies,), for positions (copies, particles, 3) [m]; None unless conservative."""
         del lattice, positions
+        return None
 
     def scaled(self, stiffness: float, viscosity: float) -> Effect:
         """The same effect with its stiffness and viscosity multiplied; unchanged where it has none."""

@@ -20,23 +20,9 @@ from flag_env.physics.lattice import Lattice
 
 
 @kernel
-def _add_constant(f, value, n):  # type: ignore[no-untyped-def]
+def _add_constant(f, value, n):
     for t in range(n):
         f[t] += value
-
-
-@jit
-def _force(bound, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
-    for d in range(f.shape[0]):
-        angle = bound.phase[copy, d] + bound.frequency[copy, d] * lag
-        wind = bound.mean[copy, d] + bound.amplitude[copy, d] * math.cos(angle)
-        _add_constant(f[d], f.dtype.type(wind), f.shape[1])
-
-
-@jit
-def _advance(bound, copy, seconds):  # type: ignore[no-untyped-def]
-    for d in range(bound.phase.shape[1]):
-        bound.phase[copy, d] += bound.frequency[copy, d] * seconds
 
 
 class BoundCosineWind(NamedTuple):
@@ -46,9 +32,27 @@ class BoundCosineWind(NamedTuple):
     amplitude: NDArray[np.float64]
     frequency: NDArray[np.float64]
     phase: NDArray[np.float64]
-    state = ("mean", "amplitude", "frequency", "phase")
-    force = staticmethod(_force)
-    advance = staticmethod(_advance)
+
+    @staticmethod
+    def state() -> tuple[str, ...]:
+        """Fields that a run changes."""
+        return "mean", "amplitude", "frequency", "phase"
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Add the wind of the moment `lag` seconds on."""
+        for d in range(f.shape[0]):
+            angle = bound.phase[copy, d] + bound.frequency[copy, d] * lag
+            wind = bound.mean[copy, d] + bound.amplitude[copy, d] * math.cos(angle)
+            _add_constant(f[d], f.dtype.type(wind), f.shape[1])
+
+    @staticmethod
+    @jit
+    def advance(bound, copy, seconds):
+        """Move the phase on."""
+        for d in range(bound.phase.shape[1]):
+            bound.phase[copy, d] += bound.frequency[copy, d] * seconds
 
 
 @dataclass(frozen=True)

@@ -19,21 +19,21 @@ from flag_env.physics.lattice import Lattice
 
 
 @kernel
-def _subtract(f, weight, n):  # type: ignore[no-untyped-def]
+def _subtract(f, weight, n):
     for t in range(n):
         f[t] -= weight[t]
-
-
-@jit
-def _force(bound, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
-    _subtract(f[f.shape[0] - 1], bound.weight, f.shape[1])
 
 
 class BoundGravity(NamedTuple):
     """`weight` (particles,) [N]."""
 
     weight: NDArray[Any]
-    force = staticmethod(_force)
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Subtract the weight from the last coordinate, z."""
+        _subtract(f[f.shape[0] - 1], bound.weight, f.shape[1])
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Gravity(Effect):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "acceleration", validate.number("acceleration", self.acceleration))
+        object.__setattr__(self, "tapered", validate.boolean("tapered", self.tapered))
 
     def weight(self, lattice: Lattice) -> NDArray[np.float64]:
         """Downward force on each particle [N], shape (particles,)."""
@@ -66,4 +67,4 @@ class Gravity(Effect):
 
     def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum of m g z over the free particles [J], shape (copies,)."""
-        return positions[:, :, 2] @ np.where(lattice.fixed, 0.0, self.weight(lattice))  # type: ignore[no-any-return]
+        return positions[:, :, 2] @ np.where(lattice.fixed, 0.0, self.weight(lattice))

@@ -28,7 +28,7 @@ TINY = 1e-30
 
 
 @kernel
-def _elastic(x, y, z, xb, yb, zb, weight, k, kl, tiny, fx, fy, fz, n):  # type: ignore[no-untyped-def]
+def _elastic(x, y, z, xb, yb, zb, weight, k, kl, tiny, fx, fy, fz, n):
     for t in range(n):
         dx = xb[t] - x[t]
         dy = yb[t] - y[t]
@@ -40,7 +40,7 @@ def _elastic(x, y, z, xb, yb, zb, weight, k, kl, tiny, fx, fy, fz, n):  # type: 
 
 
 @kernel
-def _isotropic(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny, fx, fy, fz, n):  # type: ignore[no-untyped-def]
+def _isotropic(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny, fx, fy, fz, n):
     for t in range(n):
         dx = xb[t] - x[t]
         dy = yb[t] - y[t]
@@ -53,7 +53,7 @@ def _isotropic(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny,
 
 
 @kernel
-def _axial(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny, fx, fy, fz, n):  # type: ignore[no-untyped-def]
+def _axial(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny, fx, fy, fz, n):
     for t in range(n):
         dx = xb[t] - x[t]
         dy = yb[t] - y[t]
@@ -67,61 +67,23 @@ def _axial(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny, fx,
 
 
 @kernel
-def _add(f, g, n):  # type: ignore[no-untyped-def]
+def _add(f, g, n):
     for t in range(n):
         f[t] += g[t]
 
 
 @kernel
-def _subtract(f, g, n):  # type: ignore[no-untyped-def]
+def _subtract(f, g, n):
     for t in range(n):
         f[t] -= g[t]
 
 
 @jit
-def _apply(f, scratch, offset, n):  # type: ignore[no-untyped-def]
+def _apply(f, scratch, offset, n):
     """Add the links' forces to their first particles, subtract them from their second."""
     for d in range(f.shape[0]):
         _add(f[d], scratch[d], n)
         _subtract(f[d, offset:], scratch[d], n)
-
-
-@jit
-def _elastic_force(bound, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
-    for j in range(bound.offset.shape[0]):
-        o = bound.offset[j]
-        n = x.shape[1] - o
-        _elastic(
-            x[0], x[1], x[2], x[0, o:], x[1, o:], x[2, o:],
-            bound.weight[j], bound.stiffness, bound.tension[j], bound.tiny, scratch[0], scratch[1], scratch[2], n,
-        )  # fmt: skip
-        _apply(f, scratch, o, n)
-
-
-@jit
-def _isotropic_force(bound, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
-    for j in range(bound.offset.shape[0]):
-        o = bound.offset[j]
-        n = x.shape[1] - o
-        _isotropic(
-            x[0], x[1], x[2], v[0], v[1], v[2], x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
-            bound.weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
-            scratch[0], scratch[1], scratch[2], n,
-        )  # fmt: skip
-        _apply(f, scratch, o, n)
-
-
-@jit
-def _axial_force(bound, copy, x, v, f, scratch, lag):  # type: ignore[no-untyped-def]
-    for j in range(bound.offset.shape[0]):
-        o = bound.offset[j]
-        n = x.shape[1] - o
-        _axial(
-            x[0], x[1], x[2], v[0], v[1], v[2], x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
-            bound.weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
-            scratch[0], scratch[1], scratch[2], n,
-        )  # fmt: skip
-        _apply(f, scratch, o, n)
 
 
 class ElasticLinks(NamedTuple):
@@ -132,7 +94,19 @@ class ElasticLinks(NamedTuple):
     stiffness: Any
     tension: NDArray[Any]
     tiny: Any
-    force = staticmethod(_elastic_force)
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Forces of every family."""
+        for j in range(bound.offset.shape[0]):
+            o = bound.offset[j]
+            n = x.shape[1] - o
+            _elastic(
+                x[0], x[1], x[2], x[0, o:], x[1, o:], x[2, o:],
+                bound.weight[j], bound.stiffness, bound.tension[j], bound.tiny, scratch[0], scratch[1], scratch[2], n,
+            )  # fmt: skip
+            _apply(f, scratch, o, n)
 
 
 class IsotropicLinks(NamedTuple):
@@ -144,7 +118,20 @@ class IsotropicLinks(NamedTuple):
     tension: NDArray[Any]
     tiny: Any
     viscosity: Any
-    force = staticmethod(_isotropic_force)
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Forces of every family."""
+        for j in range(bound.offset.shape[0]):
+            o = bound.offset[j]
+            n = x.shape[1] - o
+            _isotropic(
+                x[0], x[1], x[2], v[0], v[1], v[2], x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
+                bound.weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
+                scratch[0], scratch[1], scratch[2], n,
+            )  # fmt: skip
+            _apply(f, scratch, o, n)
 
 
 class AxialLinks(NamedTuple):
@@ -156,7 +143,20 @@ class AxialLinks(NamedTuple):
     tension: NDArray[Any]
     tiny: Any
     viscosity: Any
-    force = staticmethod(_axial_force)
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Forces of every family."""
+        for j in range(bound.offset.shape[0]):
+            o = bound.offset[j]
+            n = x.shape[1] - o
+            _axial(
+                x[0], x[1], x[2], v[0], v[1], v[2], x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
+                bound.weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
+                scratch[0], scratch[1], scratch[2], n,
+            )  # fmt: skip
+            _apply(f, scratch, o, n)
 
 
 @dataclass(frozen=True)
@@ -186,6 +186,7 @@ class LinkEffect(Effect):
         object.__setattr__(self, "stiffness", validate.number("stiffness", self.stiffness, minimum=0.0))
         object.__setattr__(self, "viscosity", validate.number("viscosity", self.viscosity, minimum=0.0))
         validate.choice("damping", self.damping, ("isotropic", "axial"))
+        object.__setattr__(self, "tapered", validate.boolean("tapered", self.tapered))
 
     def families(self, lattice: Lattice) -> tuple[Family, ...]:
         """The link families that the effect acts along."""

@@ -1,6 +1,7 @@
 """Structural links: horizontal and vertical neighbours of each layer; they resist stretching (Provot 1995).
 
-F = w [k (1 - l/d) (x2 - x1) + z (v2 - v1)], l = the spacing. Parameters: stiffness k [N/m], viscosity z [N s/m]; see `LinkEffect`.
+F = w [k (1 - l/d) (x2 - x1) + z (v2 - v1)], l = the spacing. Parameters: stiffness k [N/m], viscosity z [N s/m]; see
+`LinkEffect`.
 """
 
 from __future__ import annotations

@@ -22,31 +22,16 @@ from flag_env.physics.jit import jit, kernel
 
 
 @kernel
-def _kick_drift(x, v, f, inverse_mass, h, n):  # type: ignore[no-untyped-def]
+def _kick_drift(x, v, f, inverse_mass, h, n):
     for t in range(n):
         v[t] += h * inverse_mass[t] * f[t]
         x[t] += h * v[t]
 
 
 @kernel
-def _half_kick(f, v, inverse_mass, half, n):  # type: ignore[no-untyped-def]
+def _half_kick(f, v, inverse_mass, half, n):
     for t in range(n):
         f[t] = v[t] + half * inverse_mass[t] * f[t]
-
-
-@jit
-def _step(method, effects, copy, x, v, f, scratch, inverse_mass):  # type: ignore[no-untyped-def]
-    forces(effects, copy, x, v, f, scratch, 0.0)
-    for d in range(x.shape[0]):
-        _kick_drift(x[d], v[d], f[d], inverse_mass, method.timestep, x.shape[1])
-    advance(effects, copy, method.seconds)
-
-
-@jit
-def _velocity(method, effects, copy, x, v, f, scratch, inverse_mass):  # type: ignore[no-untyped-def]
-    forces(effects, copy, x, v, f, scratch, 0.0)
-    for d in range(x.shape[0]):
-        _half_kick(f[d], v[d], inverse_mass, method.half, x.shape[1])
 
 
 class BoundLeapfrog(NamedTuple):
@@ -55,8 +40,23 @@ class BoundLeapfrog(NamedTuple):
     timestep: Any
     half: Any
     seconds: float
-    step = staticmethod(_step)
-    velocity = staticmethod(_velocity)
+
+    @staticmethod
+    @jit
+    def step(method, effects, copy, x, v, f, scratch, inverse_mass):
+        """Kick, then drift."""
+        forces(effects, copy, x, v, f, scratch, 0.0)
+        for d in range(x.shape[0]):
+            _kick_drift(x[d], v[d], f[d], inverse_mass, method.timestep, x.shape[1])
+        advance(effects, copy, method.seconds)
+
+    @staticmethod
+    @jit
+    def velocity(method, effects, copy, x, v, f, scratch, inverse_mass):
+        """Half a kick from the velocities half a step before."""
+        forces(effects, copy, x, v, f, scratch, 0.0)
+        for d in range(x.shape[0]):
+            _half_kick(f[d], v[d], inverse_mass, method.half, x.shape[1])
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,126 @@
+"""The renderer: a snapshot in, an RGB picture out."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.render.body import flag_body, mast_axis, mast_quads
+from flag_env.render.camera import Camera
+from flag_env.render.layer import Layer
+from flag_env.render.overlay import GREEN, Overlay
+from flag_env.render.scenery import Shadow, backdrop
+from flag_env.render.snapshot import Snapshot
+from flag_env.render.solids import join
+from flag_env.render.surface import Palette
+
+__all__ = ["Renderer"]
+
+Array = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+
+_GHOST = Palette((0.40, 0.53, 0.80), (0.47, 0.60, 0.86), (0.78, 0.86, 0.98), (0.78, 0.86, 0.98))
+_REACHED = Palette((0.25, 0.66, 0.43), (0.34, 0.73, 0.50), (0.74, 0.95, 0.82), (0.74, 0.95, 0.82))
+_GHOST_EDGE = (0.20, 0.33, 0.66)
+_GHOST_OPACITY = 0.50
+_FARTHEST = 1e4  # m; positions of a diverged flag are drawn no farther out than this
+
+
+class Renderer:
+    """Draws snapshots off screen; no window, no pyplot.
+
+    The first frame of a view box paints the backdrop, which later frames copy; so does the first frame of
+    a target with its ghost.
+    """
+
+    def __init__(self, width: int = 480, height: int = 480) -> None:
+        """Make a renderer of pictures of `width` x `height` pixels."""
+        for name, value in (("width", width), ("height", height)):
+            if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or not 16 <= value <= 8192:
+                raise ValueError(f"{name} is {value!r}; allowed is an int from 16 to 8192")
+        self.width, self.height = int(width), int(height)
+        self._layer: Layer | None = Layer(self.width, self.height)
+        self._scratch = Layer(self.width, self.height)
+        self._shadow = Shadow(self.width, self.height)
+        self._overlay = Overlay(self.width, self.height)
+        self._scene_key: object = None
+        self._ghost_key: object = None
+        self._mast_key: object = None
+
+    def draw(self, snapshot: Snapshot) -> Pixels:
+        """Return the picture of `snapshot`, RGB, shape (height, width, 3), in memory of its own."""
+        layer = self._layer
+        if layer is None:
+            raise ValueError("the renderer is closed; make a new one")
+        self._set_scene(layer, snapshot)
+        self._set_still(layer, snapshot)
+        bounds, camera = snapshot.bounds, self._camera
+        size = float(np.linalg.norm(bounds[1] - bounds[0])) / 3.0
+        positions = np.clip(snapshot.positions, -_FARTHEST, _FARTHEST)
+        self._set_mast(snapshot, size)
+        flag = flag_body(camera, positions, size)
+
+        layer.pixels[...] = self._still
+        self._shadow.draw(layer, camera, float(bounds[0, 2]), np.concatenate([flag.shade, self._mast_shade]))
+        scene = join([self._mast, flag.quads])
+        layer.quads(scene.corners, scene.colors)
+        for outline in self._ghost_outlines:
+            layer.line(outline, GREEN if snapshot.success else _GHOST_EDGE, 1.3, 0.75)
+        self._overlay.draw_moving(layer, snapshot, camera)
+        frame = np.empty((self.height, self.width, 3), dtype=np.uint8)
+        for channel in range(3):  # four times as fast as copying pixels[..., :3]
+            frame[..., channel] = layer.pixels[..., channel]
+        return frame
+
+    def close(self) -> None:
+        """Free the buffers; further calls do nothing."""
+        self._layer = None
+        for name in ("_scratch", "_shadow", "_backdrop", "_still"):
+            self.__dict__.pop(name, None)
+
+    def _set_scene(self, layer: Layer, snapshot: Snapshot) -> None:
+        """Make camera and backdrop anew when the view box or the kind of signs changes."""
+        key = (snapshot.bounds.tobytes(), snapshot.wind is None, snapshot.distance is None)
+        if key == self._scene_key:
+            return
+        self._camera = Camera.framing(snapshot.bounds, self.width, self.height)
+        layer.pixels[...] = backdrop(self._camera, snapshot.bounds, self.width, self.height)
+        self._overlay.draw_fixed(layer, snapshot, self._camera)
+        self._backdrop = layer.pixels.copy()
+        self._scene_key, self._ghost_key, self._mast_key = key, None, None
+
+    def _set_mast(self, snapshot: Snapshot, size: float) -> None:
+        """Shape the pole anew when the mast moves."""
+        key = snapshot.mast.tobytes()
+        if key == self._mast_key:
+            return
+        ends = mast_axis(np.clip(snapshot.mast, -_FARTHEST, _FARTHEST), snapshot.bounds)
+        self._mast = mast_quads(self._camera, ends, size)
+        self._mast_shade = ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0])
+        self._mast_key = key
+
+    def _set_still(self, layer: Layer, snapshot: Snapshot) -> None:
+        """Draw the ghost on the backdrop anew when the target changes."""
+        target = snapshot.target
+        key = (None,) if target is None else (target.shape, target.tobytes(), snapshot.success)
+        if key == self._ghost_key:
+            return
+        self._ghost_key = key
+        self._ghost_outlines: list[Array] = []
+        layer.pixels[...] = self._backdrop
+        if target is not None:
+            self._draw_ghost(layer, snapshot, target)
+        self._still = layer.pixels.copy()
+
+    def _draw_ghost(self, layer: Layer, snapshot: Snapshot, target: Array) -> None:
+        size = float(np.linalg.norm(snapshot.bounds[1] - snapshot.bounds[0])) / 3.0
+        palette = _REACHED if snapshot.success else _GHOST
+        ghost = flag_body(self._camera, np.clip(target, -_FARTHEST, _FARTHEST), size, palette)
+        self._ghost_outlines = ghost.outlines
+        # Drawn opaque on its own and faded as a whole, so that its folds do not show through each other.
+        self._scratch.clear()
+        quads = join([ghost.quads])
+        self._scratch.quads(quads.corners, quads.colors)
+        faded = self._scratch.pixels
+        faded[..., 3] = faded[..., 3] * _GHOST_OPACITY
+        layer.image(0, 0, faded)

@@ -1,0 +1,72 @@
+"""What the studies share: where they ran, and how their results are written."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import platform
+from collections.abc import Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PACKAGES = ("flag_env", "numpy", "numba", "scipy", "gymnasium", "matplotlib", "stable_baselines3", "torch")
+
+
+def machine() -> dict[str, Any]:
+    """Processor, number of usable cores, system, versions and date."""
+    versions = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "processor": _processor(),
+        "cores": cores,
+        "system": f"{platform.system()} {platform.machine()}",
+        "versions": versions,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "unknown"
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Rows as a Markdown table; numbers to three digits."""
+    heads = list(rows[0])
+    cells = [[_text(row[head]) for head in heads] for row in rows]
+    widths = [max(len(head), *(len(line[i]) for line in cells)) for i, head in enumerate(heads)]
+    lines = [heads, ["-" * width for width in widths], *cells]
+    return "\n".join("| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |" for line in lines)
+
+
+def _text(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def write(output: Path, name: str, rows: Sequence[dict[str, Any]], figure: Figure, **more: Any) -> None:
+    """Print the table and write `name`.json and `name`.png into `output`, whole or not at all."""
+    output.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({"machine": machine(), "rows": rows, **more}, indent=1)
+    _replace(output / f"{name}.json", lambda path: path.write_text(text + "\n"))
+    _replace(output / f"{name}.png", lambda path: figure.savefig(path, dpi=120, format="png"))
+    print(table(rows))
+    print(f"written: {output / name}.json, {output / name}.png")
+
+
+def _replace(path: Path, writer: Any) -> None:
+    partial = path.with_name(path.name + ".partial")
+    writer(partial)
+    partial.replace(path)

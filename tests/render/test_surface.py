@@ -1,0 +1,56 @@
+"""The drawn surface against the lattice it interpolates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from render_flags import lattice
+
+from flag_env.render.shading import SUN, shade_cells
+from flag_env.render.surface import MOST_CELLS, cells_of, surface_for
+
+
+@pytest.mark.parametrize("shape", [(1, 2, 2), (1, 10, 16), (2, 5, 3), (1, 200, 300)])
+def test_a_plane_stays_the_plane_and_corners_stay(shape):
+    flat = lattice(*shape, wave=0.0)
+    grid = surface_for(*shape).vertices(flat)
+    assert grid.shape[0] == shape[0]
+    for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
+        np.testing.assert_allclose(grid[:, *corner], flat[:, *corner], atol=1e-13)
+    step = np.diff(grid[..., 0], axis=2)
+    np.testing.assert_allclose(step, step[0, 0, 0], rtol=1e-9)
+    np.testing.assert_allclose(grid[..., 2], np.broadcast_to(grid[:, :, :1, 2], grid.shape[:3]), atol=1e-13)
+
+
+def test_goes_through_the_particles_and_is_capped():
+    shape = (1, 3, 6)
+    positions = np.random.default_rng(0).normal(size=(*shape, 3))
+    grid = surface_for(*shape).vertices(positions)
+    # Every particle is found where the drawn grid has a vertex at its place.
+    along = grid.shape[2] - 1
+    for col in range(6):
+        at = col * along / 5
+        if at == int(at):
+            np.testing.assert_allclose(grid[0, 0, int(at)], positions[0, 0, col], atol=1e-12)
+    assert len(surface_for(1, 300, 300).albedo[0]) <= 1.1 * MOST_CELLS
+
+
+def test_cells_count_and_order():
+    grid = lattice(2, 3, 4)
+    cells = cells_of(grid)
+    assert cells.shape == (2 * 2 * 3, 4, 3)
+    np.testing.assert_array_equal(cells[0], grid[0][[0, 0, 1, 1], [0, 1, 1, 0]])
+
+
+def test_shade_follows_the_angle_to_the_sun_and_both_sides_are_lit():
+    def shade(normal):
+        first = np.cross(normal, [0.3, 0.2, 0.9])
+        second = np.cross(normal, first)
+        grid = np.array([[[0 * first, first], [second, first + second]]])
+        square = np.array([[[0.0, 0], [1, 0], [1, 1], [0, 1]]])
+        return shade_cells(grid, square, np.full((2, 1, 3), 0.5), np.array([0.0, 1, 0]))
+
+    facing, oblique = shade(SUN), shade(np.array([0.6, -0.8, 0.0]))
+    assert facing.shape == (1, 3)
+    assert np.all(facing > oblique)
+    assert np.all(oblique > 0.1)
