@@ -6,10 +6,12 @@ test behind. What a bound effect may offer, as static attributes of its type:
 
 `force(bound, copy, x, v, f, scratch, lag)`
     adds its forces [N] at `lag` seconds after the start of the step to `f`;
+`project(bound, copy, x, v, scratch, inverse_mass, seconds)`
+    after the step, moves particles to where they may be (a collision, a limit of strain);
 `advance(bound, copy, seconds)`
-    moves its own state (the phase of a wind) on by one step.
+    then moves its own state (the phase of a wind) on by one step.
 
-A bound integrator offers `step(method, effects, copy, x, v, f, scratch, inverse_mass)` and
+A bound integrator has `seconds`, its timestep, and offers `step(method, effects, copy, x, v, f, scratch, inverse_mass)` and
 `velocity(method, effects, copy, x, v, f, scratch, inverse_mass)`, which leaves the velocities at the instant of the positions in
 `f`. Arrays: `x, v, f` (coordinates, particles); `scratch` (rows, particles); `inverse_mass` (particles,), zero where pinned.
 
@@ -39,7 +41,8 @@ def forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: f
     """Overwrite `f` with the sum of all effects' forces [N]."""
     f[:] = 0
     for bound in effects:
-        bound.force(bound, copy, x, v, f, scratch, lag)
+        if hasattr(bound, "force"):
+            bound.force(bound, copy, x, v, f, scratch, lag)
 
 
 def advance(effects: Any, copy: int, seconds: float) -> None:
@@ -67,11 +70,37 @@ def _add_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, l
 def _compile_add_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
     if not len(effects):
         return lambda effects, copy, x, v, f, scratch, lag: None
-    force = effects.types[0].instance_class.force
+    force = getattr(effects.types[0].instance_class, "force", None)
+    if force is None:
+        return lambda effects, copy, x, v, f, scratch, lag: _add_forces(effects[1:], copy, x, v, f, scratch, lag)
 
     def run(effects, copy, x, v, f, scratch, lag):
         force(effects[0], copy, x, v, f, scratch, lag)
         _add_forces(effects[1:], copy, x, v, f, scratch, lag)
+
+    return run
+
+
+def project(effects: Any, copy: int, x: Any, v: Any, scratch: Any, inverse_mass: Any, seconds: float) -> None:
+    """Let the effects correct positions and velocities after a step."""
+    for bound in effects:
+        if hasattr(bound, "project"):
+            bound.project(bound, copy, x, v, scratch, inverse_mass, seconds)
+
+
+@overload(project, jit_options=_OPTIONS, strict=False)
+def _compile_project(effects: Any, copy: int, x: Any, v: Any, scratch: Any, inverse_mass: Any, seconds: float) -> Any:
+    if not len(effects):
+        return lambda effects, copy, x, v, scratch, inverse_mass, seconds: None
+    correct = getattr(effects.types[0].instance_class, "project", None)
+    if correct is None:
+        return lambda effects, copy, x, v, scratch, inverse_mass, seconds: project(
+            effects[1:], copy, x, v, scratch, inverse_mass, seconds
+        )
+
+    def run(effects, copy, x, v, scratch, inverse_mass, seconds):
+        correct(effects[0], copy, x, v, scratch, inverse_mass, seconds)
+        project(effects[1:], copy, x, v, scratch, inverse_mass, seconds)
 
     return run
 
@@ -154,6 +183,8 @@ def _make_run() -> Callable[..., Any]:
                 continue
             for i in range(steps):
                 _step(method, effects, copy, x[copy], v[copy], f, scratch, inverse_mass)
+                project(effects, copy, x[copy], v[copy], scratch, inverse_mass, method.seconds)
+                advance(effects, copy, method.seconds)
                 if (i + 1) % CHECK_EVERY == 0 or i + 1 == steps:
                     particle = _first_non_finite(x[copy], v[copy])
                     if particle >= 0:

@@ -66,6 +66,9 @@ class Lattice:
     pinned
         "edge": column 0; "sleeve": columns 0 and 1, which clamps the direction of the cloth as well; "ends": first and last
         column; "none"; or a tuple of flat particle numbers.
+    dimensions
+        Coordinates that a particle moves in: 3; 2, x and z (a sheet in its plane); or 1, z (the report's rope, whose particles
+        are displaced across it). No other coordinate is stored or computed.
 
     Raises
     ------
@@ -80,6 +83,7 @@ class Lattice:
     mass: float = 1e-3
     taper: float = 1.0
     pinned: str | tuple[int, ...] = "edge"
+    dimensions: int = 3
 
     def __post_init__(self) -> None:
         for name in ("layers", "rows", "cols"):
@@ -87,6 +91,10 @@ class Lattice:
         object.__setattr__(self, "spacing", _spacing(self.spacing))
         object.__setattr__(self, "mass", validate.number("mass", self.mass, above=0.0))
         object.__setattr__(self, "taper", validate.number("taper", self.taper, above=0.0))
+        if validate.count("dimensions", self.dimensions) > 3:
+            raise ValueError(f"dimensions must be 1, 2 or 3, got {self.dimensions!r}")
+        if self.dimensions < 3 and self.layers > 1:
+            raise ValueError(f"layers must be 1 with dimensions={self.dimensions}, got {self.layers!r}")
         if isinstance(self.pinned, str):
             validate.choice("pinned", self.pinned, PINNED)
         else:
@@ -96,6 +104,11 @@ class Lattice:
     def shape(self) -> tuple[int, int, int]:
         """(layers, rows, cols)."""
         return self.layers, self.rows, self.cols
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Axes of the coordinates that particles move in: 0 = x, 1 = y, 2 = z."""
+        return {1: (2,), 2: (0, 2), 3: (0, 1, 2)}[self.dimensions]
 
     @property
     def size(self) -> int:

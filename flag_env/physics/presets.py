@@ -80,6 +80,32 @@ def flag(
     )
 
 
+def rope(cols: int = 32, *, pinned: str = "ends", **scene: Any) -> Scene:
+    """The report's rope: masses on springs in a row, each displaced along z only; linear, in the report's units.
+
+    Mass 1, spacing 1, k = 0.1 m Fe^2, z = 0.01 m Fe, Fe = 1000 Hz, timestep 1/Fe. Displacements X obey exactly
+    X_{n+1} = (2 I - Z - K) X_n + (Z - I) X_{n-1}, K = h^2 M^-1 K_m, Z = h M^-1 Z_m. At rest until it is displaced.
+
+    Parameters
+    ----------
+    cols
+        Number of masses, the fixed ones included.
+    pinned
+        "ends": fixed at both ends; "edge": the far end hangs free.
+    **scene
+        Further fields of `Scene`.
+    """
+    lattice = Lattice(1, 1, cols, spacing=1.0, mass=1.0, pinned=pinned, dimensions=1)
+    links = Structural(0.1 * REPORT_RATE**2, 0.01 * REPORT_RATE)
+    return Scene(**{"lattice": lattice, "effects": (links,), "timestep": 1.0 / REPORT_RATE, **scene})
+
+
+def sheet(rows: int = 20, cols: int = 32, **flag_options: Any) -> Scene:
+    """The report's 2-D flag: `flag` in its plane, with the coordinates x and z only; takes what `flag` takes."""
+    scene = flag(rows, cols, **flag_options)
+    return scene.replace(lattice=replace(scene.lattice, dimensions=2))
+
+
 def two_layer_flag(rows: int = 20, cols: int = 32, *, cross: float | None = None, **flag_options: Any) -> Scene:
     """A flag of two layers held apart by struts and cube diagonals, which resist skewing in place of the shear links.
 

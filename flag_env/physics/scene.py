@@ -58,6 +58,8 @@ class Scene:
         if not isinstance(self.lattice, Lattice):
             raise TypeError(f"lattice must be a Lattice, got {self.lattice!r}")
         object.__setattr__(self, "effects", _effects(self.effects))
+        for effect in self.effects:
+            effect.check(self.lattice)
         if not isinstance(self.integrator, Integrator):
             raise TypeError(f"integrator must be an Integrator, such as integrators.Leapfrog(), got {self.integrator!r}")
         if self.timestep != "auto":

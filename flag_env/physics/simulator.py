@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from flag_env.physics import validate
 from flag_env.physics.compose import compiled_run
-from flag_env.physics.effects.base import Wind
+from flag_env.physics.effects.base import Effect, Setting, Wind
 from flag_env.physics.effects.cosine_wind import BoundCosineWind
 from flag_env.physics.mast import mast_points
 from flag_env.physics.scene import Scene
@@ -99,17 +99,20 @@ class Simulator:
         self._pinned = np.flatnonzero(lattice.fixed)
         self._inverse_mass = np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(self._dtype)
         self._method = scene.integrator.bind(self._dtype, self._timestep)
-        self._effects = tuple(effect.bind(lattice, self._dtype, self._copies) for effect in scene.effects)
+        self._axes = list(lattice.axes)
+        self._seed = seed
+        self._effects = self._bind(scene.effects, {})
         self._steps_taken = 0
         start = np.tile(lattice.rest_positions.reshape(-1, 3).T, (self._copies, 1, 1))
-        if scene.perturbation > 0:
+        if scene.perturbation > 0 and lattice.dimensions == 3:
             for copy in range(self._copies):
                 noise = np.random.default_rng((seed, copy)).standard_normal(lattice.size)
                 start[copy, 1] += scene.perturbation * np.where(lattice.fixed, 0.0, noise)
+        start = start[:, self._axes]
         self._x = np.ascontiguousarray(start, self._dtype)
         self._v = np.zeros_like(self._x)
         self._mast = start[:, :, self._pinned]
-        self._work = np.zeros((self._threads, 2, 3, lattice.size), self._dtype)
+        self._work = np.zeros((self._threads, 2, max(3, lattice.dimensions), lattice.size), self._dtype)
         self._stepped = np.zeros(self._copies, bool)
         self._failed_at = np.full(self._copies, -1, np.int64)
         self._failed_particle = np.zeros(self._copies, np.int64)
@@ -147,7 +150,7 @@ class Simulator:
     @property
     def positions(self) -> NDArray[np.float64]:
         """Positions [m], a fresh array of shape (copies, layers, rows, cols, 3)."""
-        return self._public(self._x)
+        return self._public(self._x, self._scene.lattice.rest_positions)
 
     @property
     def velocities(self) -> NDArray[np.float64]:
@@ -165,7 +168,7 @@ class Simulator:
 
         Pinned particles stay where they are placed until the next `set_mast`.
         """
-        value = self._flat("positions", positions)
+        value = self._flat("positions", positions, self._scene.lattice.rest_positions)
         self._x[:] = value
         self._mast[:] = value[:, :, self._pinned]
         self._failed_at[:] = -1
@@ -246,7 +249,7 @@ class Simulator:
         tilt = np.broadcast_to(validate.array("tilt", tilt, (2,), (n, 2)), (n, 2))
         yaw = np.broadcast_to(validate.array("yaw", yaw, (), (n,)), (n,))
         rest = self._scene.lattice.rest_positions.reshape(-1, 3)[self._pinned]
-        self._mast[:] = mast_points(rest, position, tilt, yaw).transpose(0, 2, 1)
+        self._mast[:] = mast_points(rest, position, tilt, yaw).transpose(0, 2, 1)[:, self._axes]
 
     def set_wind(
         self, amplitude: ArrayLike | None = None, frequency: ArrayLike | None = None, mean: ArrayLike | None = None
@@ -298,10 +301,8 @@ class Simulator:
                 f"the timestep of {self._timestep:.6g} s; they lower it to {limit:.6g} s"
             )
         kept = dict(zip((type(effect) for effect in self._scene.effects), self._effects, strict=True))
-        self._effects = tuple(
-            effect.bind(scene.lattice, self._dtype, self._copies) if effect != old else kept[type(old)]
-            for effect, old in zip(scene.effects, self._current_effects, strict=True)
-        )
+        changed = {type(old) for effect, old in zip(scene.effects, self._current_effects, strict=True) if effect != old}
+        self._effects = self._bind(scene.effects, {kind: bound for kind, bound in kept.items() if kind not in changed})
         self._scaled = scene
 
     # -- running ----------------------------------------------------------------------------------------------------------------
@@ -321,7 +322,7 @@ class Simulator:
         self._v[:, :, self._pinned] = (self._mast.astype(self._dtype) - self._x[:, :, self._pinned]) / (n * self._timestep)
         self._run(n, None)
         moved = self._failed_at < 0
-        self._x[np.ix_(moved, np.arange(3), self._pinned)] = self._mast[moved]
+        self._x[np.ix_(moved, np.arange(len(self._axes)), self._pinned)] = self._mast[moved]
         self._stepped[:] = True
         self._steps_taken += n
         new = np.flatnonzero((self._failed_at >= 0) & ~before)
@@ -355,6 +356,15 @@ class Simulator:
     @property
     def _current_effects(self) -> tuple[Any, ...]:
         return getattr(self, "_scaled", self._scene).effects
+
+    def _bind(self, effects: tuple[Effect, ...], kept: dict[type[Effect], Any]) -> tuple[Any, ...]:
+        """Bound effects in the scene's order, those of `kept` as they are."""
+        bound = dict(kept)
+        for effect in sorted(effects, key=lambda effect: effect.binds_last):
+            if type(effect) not in bound:
+                setting = Setting(self._scene.lattice, self._dtype, self._copies, self._timestep, self._seed, bound)
+                bound[type(effect)] = effect.bind(setting)
+        return tuple(bound[type(effect)] for effect in effects)
 
     def _effect_state(self) -> list[tuple[NDArray[Any], ...]]:
         return [
@@ -392,17 +402,23 @@ class Simulator:
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_pool": None}
 
-    def _public(self, flat: NDArray[Any]) -> NDArray[np.float64]:
-        ordered = np.array(flat.transpose(0, 2, 1), dtype=np.float64, order="C")
-        return ordered.reshape(self._copies, *self._scene.lattice.shape, 3)
+    def _public(self, flat: NDArray[Any], rest: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """Three coordinates of every particle; those that the scene does not hold are zero, or the `rest` positions'."""
+        shape = (self._copies, *self._scene.lattice.shape, 3)
+        if len(self._axes) == 3:
+            return np.array(flat.transpose(0, 2, 1), dtype=np.float64, order="C").reshape(shape)
+        ordered = np.zeros(shape) if rest is None else np.tile(rest, (self._copies, 1, 1, 1, 1))
+        ordered.reshape(self._copies, -1, 3)[:, :, self._axes] = flat.transpose(0, 2, 1)
+        return ordered
 
-    def _flat(self, name: str, value: ArrayLike) -> NDArray[np.float64]:
+    def _flat(self, name: str, value: ArrayLike, rest: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
         shape = (*self._scene.lattice.shape, 3)
         checked = validate.array(name, value, shape, (self._copies, *shape))
-        largest = np.abs(checked).max()
-        if largest > np.finfo(self._dtype).max:
-            raise ValueError(f"{name} must fit the scene's {self._dtype}, got a magnitude of {largest:g}")
-        flat = checked.reshape(-1, self._scene.lattice.size, 3).transpose(0, 2, 1)
+        absent = [axis for axis in range(3) if axis not in self._axes]
+        if absent and (checked - rest)[..., absent].any():
+            names = " and ".join("xyz"[axis] for axis in absent)
+            raise ValueError(f"{name} must keep {names} as at rest: the scene has dimensions={len(self._axes)}")
+        flat = checked.reshape(-1, self._scene.lattice.size, 3).transpose(0, 2, 1)[:, self._axes]
         return np.broadcast_to(flat, self._x.shape)
 
 

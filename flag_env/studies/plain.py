@@ -14,7 +14,7 @@ import numpy as np
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 
 
-@numba.njit(error_model="numpy")  # type: ignore[misc]
+@numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]
 def _steps(
     x: Any, v: Any, f: Any, neighbour: Any, k: Any, z: Any, length: Any, inverse_mass: Any, g: Any, h: Any, steps: int
 ) -> None:
@@ -91,10 +91,10 @@ class PlainFlag:
                         self.z[i, found] = weight * viscosity[kind // 2]
                         self.length[i, found] = np.hypot(along * spacing[0], up * spacing[1])
                         found += 1
-        row, col = np.divmod(np.arange(size), cols)
-        self.x = np.stack([col * spacing[0], 0.0 * col, row * spacing[1]], axis=1).astype(dtype)
+        up_index, along_index = np.divmod(np.arange(size), cols)
+        self.x = np.stack([along_index * spacing[0], 0.0 * along_index, up_index * spacing[1]], axis=1).astype(dtype)
         self.v, self.f = np.zeros_like(self.x), np.zeros_like(self.x)
-        self.inverse_mass = np.where(col == 0, 0.0, 1.0 / masses).astype(dtype)
+        self.inverse_mass = np.where(along_index == 0, 0.0, 1.0 / masses).astype(dtype)
         self.g, self.h = number(9.81), number(timestep)
 
     def step(self, steps: int) -> None:

@@ -49,7 +49,9 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     cells = [[_text(row[head]) for head in heads] for row in rows]
     widths = [max(len(head), *(len(line[i]) for line in cells)) for i, head in enumerate(heads)]
     lines = [heads, ["-" * width for width in widths], *cells]
-    return "\n".join("| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |" for line in lines
+    )
 
 
 def _text(value: Any) -> str:

@@ -38,7 +38,7 @@ def measure(rows: int, cols: int, dtype: str, rounds: int) -> dict[str, Any]:
     stiffness, viscosity = (tuple(getattr(link, name) for link in links) for name in ("stiffness", "viscosity"))
     lattice = scene.lattice
     plain = PlainFlag(
-        rows, cols, lattice.steps[:2], lattice.masses, stiffness, viscosity, simulator.timestep, dtype  # type: ignore[arg-type]
+        rows, cols, lattice.steps[:2], lattice.masses, stiffness, viscosity, simulator.timestep, dtype
     )  # fmt: skip
     steps = max(1, 1_000_000 // lattice.size)
     times = fastest({"ours": lambda: simulator.step(steps), "plain": lambda: plain.step(steps)}, rounds)
@@ -64,8 +64,12 @@ def _figure(rows: list[dict[str, Any]]) -> Figure:
     axes = figure.subplots()
     names = [f"{row['lattice']}\n{row['dtype']}" for row in rows]
     places = range(len(rows))
-    axes.bar([place - 0.2 for place in places], [row["M particle-steps/s"] for row in rows], 0.4, label="flag_env", color="#c8372d")
-    axes.bar([place + 0.2 for place in places], [row["plain Numba"] for row in rows], 0.4, label="plain Numba loop", color="#9aa3ad")
+    axes.bar(
+        [place - 0.2 for place in places], [row["M particle-steps/s"] for row in rows], 0.4, label="flag_env", color="#c8372d"
+    )
+    axes.bar(
+        [place + 0.2 for place in places], [row["plain Numba"] for row in rows], 0.4, label="plain Numba loop", color="#9aa3ad"
+    )
     for place, row in zip(places, rows, strict=True):
         axes.annotate(f"{row['ratio']:.1f} x", (place - 0.2, row["M particle-steps/s"]), ha="center", va="bottom", fontsize=9)
     axes.set_xticks(places, names)

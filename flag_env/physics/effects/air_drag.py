@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import validate
-from flag_env.physics.effects.base import Effect
+from flag_env.physics.effects.base import Effect, Setting
 from flag_env.physics.jit import jit, kernel
 from flag_env.physics.lattice import Lattice
 
@@ -55,7 +55,6 @@ class AirDrag(Effect):
         """Damping of each particle [N s/m], shape (particles,)."""
         return self.rate * lattice.masses
 
-    def bind(self, lattice: Lattice, dtype: np.dtype[Any], copies: int) -> BoundAirDrag:
+    def bind(self, setting: Setting) -> BoundAirDrag:
         """The particles' damping in the scene's dtype."""
-        del copies
-        return BoundAirDrag(self.drag(lattice).astype(dtype))
+        return BoundAirDrag(self.drag(setting.lattice).astype(setting.dtype))

@@ -3,12 +3,39 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics.lattice import Family, Lattice
+
+
+class Setting(NamedTuple):
+    """What an effect is bound to.
+
+    Attributes
+    ----------
+    lattice
+        The particles.
+    dtype
+        Of the simulation's arrays.
+    copies
+        Number of copies; state that a copy may change has this leading axis.
+    timestep
+        [s].
+    seed
+        Of random effects; copy i draws from the stream (seed, i).
+    bound
+        The effects bound before this one, by their class; those with `binds_last` see all the others.
+    """
+
+    lattice: Lattice
+    dtype: np.dtype[Any]
+    copies: int
+    timestep: float
+    seed: int
+    bound: dict[type[Effect], Any]
 
 
 class LinkTerm(NamedTuple):
@@ -31,11 +58,22 @@ class LinkTerm(NamedTuple):
 
 @dataclass(frozen=True)
 class Effect:
-    """Description of one physical effect: immutable, hashable, picklable; knows nothing of a run."""
+    """Description of one physical effect: immutable, hashable, picklable; knows nothing of a run.
 
-    def bind(self, lattice: Lattice, dtype: np.dtype[Any], copies: int) -> Any:
+    Attributes
+    ----------
+    binds_last
+        Whether it acts on the arrays of other effects, and so is bound after them.
+    """
+
+    binds_last: ClassVar[bool] = False
+
+    def check(self, lattice: Lattice) -> None:
+        """Raise ValueError if the effect makes no sense on the lattice."""
+
+    def bind(self, setting: Setting) -> Any:
         """Arrays and typed scalars for the compiled step, as a NamedTuple whose type carries the kernels."""
-        raise NotImplementedError(f"{type(self).__name__} must define bind(lattice, dtype, copies)")
+        raise NotImplementedError(f"{type(self).__name__} must define bind(setting)")
 
     def link_terms(self, lattice: Lattice) -> tuple[LinkTerm, ...]:
         """Bounds of the effect's link stiffness and damping; empty for effects without links."""
@@ -59,4 +97,4 @@ class Effect:
 
 
 class Wind(Effect):
-    """An effect whose bound form carries `mean`, `amplitude`, `frequency`, `phase`, each (copies, 3): a run may change them."""
+    """An effect whose bound form carries `mean`, `amplitude`, `frequency` and `phase`, each (copies, 3): a run may change them."""

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import validate
-from flag_env.physics.effects.base import Wind
+from flag_env.physics.effects.base import Setting, Wind
 from flag_env.physics.jit import jit, kernel
-from flag_env.physics.lattice import Lattice
 
 
 @kernel
@@ -26,8 +25,9 @@ def _add_constant(f, value, n):
 
 
 class BoundCosineWind(NamedTuple):
-    """All (copies, 3): mean and amplitude [N], frequency [rad/s], phase now [rad]."""
+    """`axes` of the scene's coordinates; (copies, 3) each: mean, amplitude [N], frequency [rad/s], phase now [rad]."""
 
+    axes: NDArray[np.int64]
     mean: NDArray[np.float64]
     amplitude: NDArray[np.float64]
     frequency: NDArray[np.float64]
@@ -43,8 +43,9 @@ class BoundCosineWind(NamedTuple):
     def force(bound, copy, x, v, f, scratch, lag):
         """Add the wind of the moment `lag` seconds on."""
         for d in range(f.shape[0]):
-            angle = bound.phase[copy, d] + bound.frequency[copy, d] * lag
-            wind = bound.mean[copy, d] + bound.amplitude[copy, d] * math.cos(angle)
+            i = bound.axes[d]
+            angle = bound.phase[copy, i] + bound.frequency[copy, i] * lag
+            wind = bound.mean[copy, i] + bound.amplitude[copy, i] * math.cos(angle)
             _add_constant(f[d], f.dtype.type(wind), f.shape[1])
 
     @staticmethod
@@ -80,8 +81,8 @@ class CosineWind(Wind):
         for name in ("amplitude", "frequency", "mean", "phase"):
             object.__setattr__(self, name, validate.vector(name, getattr(self, name)))
 
-    def bind(self, lattice: Lattice, dtype: np.dtype[Any], copies: int) -> BoundCosineWind:
+    def bind(self, setting: Setting) -> BoundCosineWind:
         """One row of parameters for each copy; always float64, since a phase grows for as long as a run lasts."""
-        del lattice, dtype
-        rows = (np.tile(np.array(values), (copies, 1)) for values in (self.mean, self.amplitude, self.frequency, self.phase))
-        return BoundCosineWind(*rows)
+        values = (self.mean, self.amplitude, self.frequency, self.phase)
+        rows = (np.tile(np.array(value), (setting.copies, 1)) for value in values)
+        return BoundCosineWind(np.array(setting.lattice.axes), *rows)

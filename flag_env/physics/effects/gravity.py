@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import validate
-from flag_env.physics.effects.base import Effect
+from flag_env.physics.effects.base import Effect, Setting
 from flag_env.physics.jit import jit, kernel
 from flag_env.physics.lattice import Lattice
 
@@ -60,10 +60,9 @@ class Gravity(Effect):
         masses = lattice.masses if self.tapered else np.full(lattice.size, lattice.mass)
         return self.acceleration * masses
 
-    def bind(self, lattice: Lattice, dtype: np.dtype[Any], copies: int) -> BoundGravity:
+    def bind(self, setting: Setting) -> BoundGravity:
         """The particles' weights in the scene's dtype."""
-        del copies
-        return BoundGravity(self.weight(lattice).astype(dtype))
+        return BoundGravity(self.weight(setting.lattice).astype(setting.dtype))
 
     def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum of m g z over the free particles [J], shape (copies,)."""

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics.compose import advance, forces
+from flag_env.physics.compose import forces
 from flag_env.physics.integrators.base import Integrator, Spectrum
 from flag_env.physics.jit import jit, kernel
 
@@ -48,7 +48,6 @@ class BoundLeapfrog(NamedTuple):
         forces(effects, copy, x, v, f, scratch, 0.0)
         for d in range(x.shape[0]):
             _kick_drift(x[d], v[d], f[d], inverse_mass, method.timestep, x.shape[1])
-        advance(effects, copy, method.seconds)
 
     @staticmethod
     @jit

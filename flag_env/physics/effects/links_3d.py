@@ -1,0 +1,107 @@
+"""Compiled link forces in three coordinates; the formulas stand in `springs`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flag_env.physics.effects.links import Dampers, Springs, scatter
+from flag_env.physics.jit import jit, kernel
+
+
+@kernel
+def _elastic(x, y, z, xb, yb, zb, weight, k, kl, tiny, fx, fy, fz, n):
+    for t in range(n):
+        dx = xb[t] - x[t]
+        dy = yb[t] - y[t]
+        dz = zb[t] - z[t]
+        a = weight[t] * (k - kl / np.sqrt(dx * dx + dy * dy + dz * dz + tiny))
+        fx[t] = a * dx
+        fy[t] = a * dy
+        fz[t] = a * dz
+
+
+@kernel
+def _isotropic(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny, fx, fy, fz, n):
+    for t in range(n):
+        dx = xb[t] - x[t]
+        dy = yb[t] - y[t]
+        dz = zb[t] - z[t]
+        a = weight[t] * (k - kl / np.sqrt(dx * dx + dy * dy + dz * dz + tiny))
+        b = weight[t] * c
+        fx[t] = a * dx + b * (ub[t] - u[t])
+        fy[t] = a * dy + b * (vb[t] - v[t])
+        fz[t] = a * dz + b * (wb[t] - w[t])
+
+
+@kernel
+def _axial(x, y, z, u, v, w, xb, yb, zb, ub, vb, wb, weight, k, kl, c, tiny, fx, fy, fz, n):
+    for t in range(n):
+        dx = xb[t] - x[t]
+        dy = yb[t] - y[t]
+        dz = zb[t] - z[t]
+        d2 = dx * dx + dy * dy + dz * dz + tiny
+        rate = dx * (ub[t] - u[t]) + dy * (vb[t] - v[t]) + dz * (wb[t] - w[t])
+        a = weight[t] * (k - kl / np.sqrt(d2) + c * rate / d2)
+        fx[t] = a * dx
+        fy[t] = a * dy
+        fz[t] = a * dz
+
+
+class Elastic3(Springs):
+    """Springs alone."""
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Forces of every family."""
+        weight = bound.weight[copy % bound.weight.shape[0]]
+        for j in range(bound.offset.shape[0]):
+            o = bound.offset[j]
+            n = x.shape[1] - o
+            _elastic(
+                x[0], x[1], x[2],
+                x[0, o:], x[1, o:], x[2, o:],
+                weight[j], bound.stiffness, bound.tension[j], bound.tiny,
+                scratch[0], scratch[1], scratch[2], n,
+            )  # fmt: skip
+            scatter(f, scratch, o, n)
+
+
+class Isotropic3(Dampers):
+    """Springs with isotropic dampers."""
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Forces of every family."""
+        weight = bound.weight[copy % bound.weight.shape[0]]
+        for j in range(bound.offset.shape[0]):
+            o = bound.offset[j]
+            n = x.shape[1] - o
+            _isotropic(
+                x[0], x[1], x[2], v[0], v[1], v[2],
+                x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
+                weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
+                scratch[0], scratch[1], scratch[2], n,
+            )  # fmt: skip
+            scatter(f, scratch, o, n)
+
+
+class Axial3(Dampers):
+    """Springs with axial dampers."""
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Forces of every family."""
+        weight = bound.weight[copy % bound.weight.shape[0]]
+        for j in range(bound.offset.shape[0]):
+            o = bound.offset[j]
+            n = x.shape[1] - o
+            _axial(
+                x[0], x[1], x[2], v[0], v[1], v[2],
+                x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
+                weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
+                scratch[0], scratch[1], scratch[2], n,
+            )  # fmt: skip
+            scatter(f, scratch, o, n)
