@@ -112,7 +112,7 @@ class Simulator:
         self._x = np.ascontiguousarray(start, self._dtype)
         self._v = np.zeros_like(self._x)
         self._mast = start[:, :, self._pinned]
-        self._work = np.zeros((self._threads, 2, max(3, lattice.dimensions), lattice.size), self._dtype)
+        self._work = np.zeros((self._threads, 2, 3, lattice.size), self._dtype)
         self._stepped = np.zeros(self._copies, bool)
         self._failed_at = np.full(self._copies, -1, np.int64)
         self._failed_particle = np.zeros(self._copies, np.int64)
@@ -381,7 +381,7 @@ class Simulator:
         bounds = np.linspace(0, self._copies, threads + 1).astype(int)
 
         def share(thread: int) -> None:
-            f, scratch = self._work[thread]
+            f, scratch = self._work[thread, 0, : len(self._axes)], self._work[thread, 1]
             first, last = int(bounds[thread]), int(bounds[thread + 1])
             run(
                 self._method, self._effects, self._x, self._v, f, scratch, self._inverse_mass,

@@ -97,4 +97,4 @@ class Effect:
 
 
 class Wind(Effect):
-    """An effect whose bound form carries `mean`, `amplitude`, `frequency` and `phase`, each (copies, 3): a run may change them."""
+    """An effect whose bound form carries `mean`, `amplitude`, `frequency` and `phase`, each (copies, 3), which a run may change."""
