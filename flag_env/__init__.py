@@ -7,8 +7,17 @@ import gymnasium
 
 __version__ = "0.1.0"
 
-for _id, _entry_point in {"Flag-v0": "flag_env.envs.flag:FlagEnv"}.items():
-    if _id not in gymnasium.registry:
-        gymnasium.register(_id, entry_point=_entry_point, max_episode_steps=75)
 
-del _id, _entry_point
+def _register() -> None:
+    single, many = "flag_env.envs.flag:FlagEnv", "flag_env.envs.vector:FlagVectorEnv"
+    goal, goals = "flag_env.envs.goal:FlagGoalEnv", "flag_env.envs.vector:FlagGoalVectorEnv"
+    for name, one, vector, kwargs in (
+        ("Flag-v0", single, many, {}),
+        ("FlagGoal-v0", goal, goals, {"reward": "sparse"}),
+        ("FlagGoalDense-v0", goal, goals, {"reward": "dense"}),
+    ):
+        if name not in gymnasium.registry:  # a second import must not warn
+            gymnasium.register(name, entry_point=one, vector_entry_point=vector, max_episode_steps=75, kwargs=kwargs)
+
+
+_register()

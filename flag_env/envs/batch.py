@@ -15,7 +15,6 @@ from flag_env.control.base import CONTROL_STEP
 from flag_env.physics import Diverged, Scene, Simulator, max_timestep, presets, validate
 from flag_env.physics.effects import Wind
 from flag_env.physics.stability import AUTO
-from flag_env.tasks.reward import REWARDS, reward_terms
 from flag_env.tasks.targets import SPLITS, Targets, load_targets
 
 Array = NDArray[np.float64]
@@ -33,8 +32,8 @@ WIND = np.array([6.0, 0.0, 0.0])
 OBSERVED = (3, 5)
 """Rows and columns of the observed nodes."""
 
-LIMIT = 100.0
-"""Bound of every entry of an observation."""
+ROOM = 100.0
+"""Largest coordinate of a flag that still counts as simulated [m]."""
 
 SCENES = ("flag", "two_layer_flag")
 
@@ -48,13 +47,11 @@ class Settings:
     split: str = "train"
     scene: Scene | str = "flag"
     tolerance: float = 0.05
-    reward: str = "shaped"
 
     def __post_init__(self) -> None:
         validate.choice("control", self.control, CONTROLS)
         validate.choice("level", self.level, LEVELS)
         validate.choice("split", self.split, SPLITS)
-        validate.choice("reward", self.reward, REWARDS)
         object.__setattr__(self, "tolerance", validate.number("tolerance", self.tolerance, above=0.0))
         if not isinstance(self.scene, Scene):
             validate.choice("scene", self.scene, SCENES)
@@ -78,11 +75,19 @@ DEFAULT_SCENE = fitted(presets.flag(rows=10, cols=16))
 
 @dataclass
 class Outcome:
-    """What one control step led to; every array leads with the copies."""
+    """What one control step led to; every array has the shape (copies,).
 
-    observation: NDArray[np.float32]
-    reward: Array
-    reward_terms: dict[str, Array]
+    Attributes
+    ----------
+    before, distance
+        RMS distance to the target / flag diagonal, before and after the step.
+    success
+        Whether the flag has been within tolerance for ten steps.
+    diverged
+        Whether the simulation left the finite numbers, or the room.
+    """
+
+    before: Array
     distance: Array
     success: NDArray[np.bool_]
     diverged: NDArray[np.bool_]
@@ -121,7 +126,7 @@ class FlagBatch:
         self.held = np.zeros(copies, np.int64)
         self._start = Simulator(scene).get_state()
         self._splits = np.cumsum([control.size for control in self.controls])[:-1]
-        self._nodes = _observed_nodes(scene)
+        self.nodes = _observed_nodes(scene)
         self._mean_mass = float(scene.lattice.masses.mean())
         self._poses: dict[int, Array] = {}
         self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
@@ -135,11 +140,6 @@ class FlagBatch:
     def action_size(self) -> int:
         """Entries of one flag's action."""
         return sum(control.size for control in self.controls)
-
-    @property
-    def observation_size(self) -> int:
-        """Entries of one flag's observation."""
-        return 12 * len(self._nodes) + sum(control.state_size for control in self.controls) + 1
 
     def reset(self, copies: Sequence[int], chosen: Sequence[int], poses: Array | None = None) -> None:
         """Start an episode of each of `copies` with the target of the number in `chosen`, or the given target poses."""
@@ -167,28 +167,33 @@ class FlagBatch:
         with contextlib.suppress(Diverged):  # the copies concerned end their episodes with their last finite numbers
             self.simulator.step(self.steps_per_action)
         positions, velocities = self.simulator.positions, self.simulator.velocities
-        ended = _beyond(positions, LIMIT) | _beyond(velocities, np.finfo(np.float64).max)
+        ended = _beyond(positions, ROOM) | _beyond(velocities, np.finfo(np.float64).max)
         positions[ended], velocities[ended] = self.positions[ended], self.velocities[ended]
         self.positions, self.velocities = positions, velocities
         before, self.distance = self.distance, self._distances()
         self.elapsed += 1
-        tolerance = self.settings.tolerance
-        self.held = np.where(self.distance < tolerance, self.held + 1, 0)
-        terms = reward_terms(self.settings.reward, before, self.distance, tolerance)
-        return Outcome(self.observe(), np.sum(list(terms.values()), axis=0), terms, self.distance, self.held >= HOLD_STEPS, ended)
+        self.held = np.where(self.distance < self.settings.tolerance, self.held + 1, 0)
+        return Outcome(before, self.distance.copy(), self.held >= HOLD_STEPS, ended)
 
-    def observe(self) -> NDArray[np.float32]:
-        """Observations, shape (copies, observation_size); see `FlagEnv` for their parts."""
-        count = self.copies
-        flat = (count, -1, 3)
-        here = self.positions.reshape(flat)[:, self._nodes]
-        goal = self.target.reshape(flat)[:, self._nodes]
-        left = np.maximum(1.0 - self.elapsed / EPISODE_STEPS, 0.0)
-        parts = [here, self.velocities.reshape(flat)[:, self._nodes], goal, goal - here]
-        rows = [part.reshape(count, -1) for part in parts]
-        rows += [control.state for control in self.controls]
-        observation = np.concatenate([*rows, left[:, None]], axis=1)
-        return np.asarray(np.clip(observation, -LIMIT, LIMIT), np.float32)
+    @property
+    def node_positions(self) -> Array:
+        """Positions of the observed nodes [m], shape (copies, nodes, 3)."""
+        return self.positions.reshape(self.copies, -1, 3)[:, self.nodes]
+
+    @property
+    def node_velocities(self) -> Array:
+        """Velocities of the observed nodes [m/s], shape (copies, nodes, 3)."""
+        return self.velocities.reshape(self.copies, -1, 3)[:, self.nodes]
+
+    @property
+    def node_targets(self) -> Array:
+        """Target positions of the observed nodes [m], shape (copies, nodes, 3)."""
+        return self.target.reshape(self.copies, -1, 3)[:, self.nodes]
+
+    @property
+    def actuators(self) -> Array:
+        """What is seen of the actuators, shape (copies, entries)."""
+        return np.concatenate([control.state for control in self.controls], axis=1)
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""

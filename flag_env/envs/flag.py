@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -10,15 +10,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
-from flag_env.envs.batch import LIMIT, FlagBatch, Outcome, Settings
+from flag_env.envs.batch import FlagBatch, Outcome, Settings
 from flag_env.envs.picture import Picture
-from flag_env.physics import Scene, Simulator
+from flag_env.envs.views import FlatView
+from flag_env.physics import Scene, Simulator, validate
 from flag_env.tasks.targets import Targets
 
 RENDER_MODES = ("rgb_array",)
 
 
-class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
+class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     """A flag is to take a target pose and hold it.
 
     ## Description
@@ -81,6 +82,7 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     * v0: first release.
     """
 
+    view: ClassVar[type[FlatView]] = FlatView
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": round(1 / CONTROL_STEP)}  # noqa: RUF012
 
     def __init__(
@@ -98,11 +100,13 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         if render_mode not in (None, *RENDER_MODES):
             raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
         self.render_mode = render_mode
-        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance, reward))
+        validate.choice("reward", reward, self.view.rewards)
+        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance))
+        self._view = self.view(self._batch, reward)
         self._picture = Picture(width, height)
         self._started = False
         self.action_space = spaces.Box(-1.0, 1.0, (self._batch.action_size,), np.float32)
-        self.observation_space = spaces.Box(-LIMIT, LIMIT, (self._batch.observation_size,), np.float32)
+        self.observation_space = self._view.space()
 
     @property
     def simulator(self) -> Simulator:
@@ -119,9 +123,7 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Target positions [m], shape (layers, rows, cols, 3)."""
         return np.array(self._batch.target[0])
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start an episode.
 
         Parameters
@@ -137,15 +139,17 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
             target = int(self.np_random.integers(len(self._batch.library)))
         self._batch.reset([0], [target])
         self._started = True
-        return self._batch.observe()[0], self._info()
+        return first(self._view.observe()), self._info()
 
-    def step(self, action: NDArray[np.float32]) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take one control step of 0.04 s."""
         checked = checked_actions(action, self.action_space.shape or ())
         if not self._started:
             raise gymnasium.error.ResetNeeded("reset() must be called before step()")
         outcome = self._batch.step(checked[None])
-        return outcome.observation[0], float(outcome.reward[0]), bool(outcome.diverged[0]), False, self._info(outcome)
+        observation = self._view.observe()
+        terms = {name: float(term[0]) for name, term in self._view.terms(outcome, observation).items()}
+        return first(observation), sum(terms.values()), bool(outcome.diverged[0]), False, self._info(outcome, terms)
 
     def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) with `render_mode="rgb_array"`, else None."""
@@ -158,15 +162,21 @@ class FlagEnv(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
         """Free the renderer."""
         self._picture.close()
 
-    def _info(self, outcome: Outcome | None = None) -> dict[str, Any]:
-        terms = {} if outcome is None else {name: float(term[0]) for name, term in outcome.reward_terms.items()}
+    def _info(self, outcome: Outcome | None = None, terms: dict[str, float] | None = None) -> dict[str, Any]:
         return {
             "distance": float(self._batch.distance[0]),
             "is_success": bool(outcome is not None and outcome.success[0]),
-            "reward_terms": terms,
+            "reward_terms": terms or {},
             "diverged": bool(outcome is not None and outcome.diverged[0]),
             "target": int(self._batch.target_index[0]),
         }
+
+
+def first(observation: Any, copy: int = 0) -> Any:
+    """One copy's part of a batch of observations."""
+    if isinstance(observation, dict):
+        return {name: part[copy] for name, part in observation.items()}
+    return observation[copy]
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -1,0 +1,112 @@
+"""The native vector environment as Stable-Baselines3 wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from flag_env.envs.vector import FlagGoalVectorEnv, FlagVectorEnv
+
+KINDS = {
+    "Flag-v0": (FlagVectorEnv, None),
+    "FlagGoal-v0": (FlagGoalVectorEnv, "sparse"),
+    "FlagGoalDense-v0": (FlagGoalVectorEnv, "dense"),
+}
+
+
+class FlagSB3VecEnv(VecEnv):
+    """Many flags as a Stable-Baselines3 `VecEnv`: terminal observations, truncation flags, reset infos.
+
+    Parameters
+    ----------
+    num_envs
+        Number of flags.
+    env_id
+        "Flag-v0", "FlagGoal-v0" or "FlagGoalDense-v0".
+    **kwargs
+        See `FlagVectorEnv`.
+    """
+
+    def __init__(self, num_envs: int, env_id: str = "Flag-v0", **kwargs: Any) -> None:
+        if env_id not in KINDS:
+            raise ValueError(f"env_id must be one of {', '.join(map(repr, KINDS))}, got {env_id!r}")
+        kind, reward = KINDS[env_id]
+        if reward is not None:
+            kwargs.setdefault("reward", reward)
+        self.env = kind(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
+        self._attributes: list[dict[str, Any]] = [{} for _ in range(num_envs)]
+        self._actions: NDArray[Any] = np.zeros(0)
+        super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
+
+    def reset(self) -> Any:
+        """Start an episode of every flag, with the seeds and options that were set."""
+        options = [option or {} for option in self._options]
+        if any(option != options[0] for option in options):
+            raise ValueError(f"options must be the same for all flags, got {options}")
+        seeds = list(self._seeds)
+        observation, info = self.env.reset(seed=seeds, options=dict(options[0]))
+        self.reset_infos = [_single(info, copy) for copy in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observation
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        """Take one control step of every flag."""
+        observation, reward, terminated, truncated, info = self.env.step(self._actions)
+        done = terminated | truncated
+        infos = []
+        for copy in range(self.num_envs):
+            single = _single(info["final_info"], copy) if done[copy] else _single(info, copy)
+            single["TimeLimit.truncated"] = bool(truncated[copy] and not terminated[copy])
+            if done[copy]:
+                single["terminal_observation"] = info["final_obs"][copy]
+                self.reset_infos[copy] = _single(info, copy)
+            infos.append(single)
+        return observation, reward.astype(np.float32), done, infos
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """A frame of each flag."""
+        return self.env.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """An attribute of each copy: what `set_attr` gave it, else the environment's."""
+        own = (self._attributes[copy] for copy in self._get_indices(indices))
+        return [mine[attr_name] if attr_name in mine else getattr(self.env, attr_name) for mine in own]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Give an attribute to these copies."""
+        for copy in self._get_indices(indices):
+            self._attributes[copy][attr_name] = value
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Call a method for each of these copies; `compute_reward` serves hindsight replay."""
+        count = len(list(self._get_indices(indices)))
+        return [getattr(self.env, method_name)(*method_args, **method_kwargs) for _ in range(count)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        """No copy is wrapped."""
+        del wrapper_class
+        return [False for _ in self._get_indices(indices)]
+
+
+def _single(info: dict[str, Any], copy: int) -> dict[str, Any]:
+    """One copy's info, as the single environment gives it."""
+    result: dict[str, Any] = {}
+    for name, value in info.items():
+        if name.startswith(("_", "final_")) or not info.get(f"_{name}", np.ones(copy + 1, bool))[copy]:
+            continue
+        result[name] = _single(value, copy) if isinstance(value, dict) else value[copy].item()
+    return result

@@ -1,0 +1,95 @@
+"""What an agent sees of a batch of flags and is paid for: one view an environment id. All arrays lead with the copies."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Outcome
+from flag_env.tasks.reward import REWARDS, reward_terms
+
+LIMIT = 100.0
+"""Bound of every entry of an observation."""
+
+Array = NDArray[np.float64]
+Observation = Any
+"""An array, or a dictionary of arrays."""
+
+
+class FlatView:
+    """One flat vector: nodes, velocities, targets, differences, actuators, time left; rewards by the whole flag's distance."""
+
+    rewards: ClassVar[tuple[str, ...]] = REWARDS
+
+    def __init__(self, batch: FlagBatch, reward: str) -> None:
+        self.batch, self.reward = batch, reward
+
+    def space(self) -> spaces.Space[Any]:
+        """Space of one flag's observation."""
+        return _box(12 * len(self.batch.nodes) + self.batch.actuators.shape[1] + 1)
+
+    def observe(self) -> Observation:
+        """Observations of all copies, fresh memory."""
+        here, goal = self.batch.node_positions, self.batch.node_targets
+        return _pack(here, self.batch.node_velocities, goal, goal - here, self.batch.actuators, _time_left(self.batch))
+
+    def terms(self, outcome: Outcome, observation: Observation) -> dict[str, Array]:
+        """Named terms that sum to the rewards."""
+        del observation
+        return reward_terms(self.reward, outcome.before, outcome.distance, self.batch.settings.tolerance)
+
+
+class GoalView(FlatView):
+    """A dictionary with achieved and desired goal, the nodes' positions; rewards are a function of these two alone."""
+
+    rewards: ClassVar[tuple[str, ...]] = ("sparse", "dense")
+
+    def space(self) -> spaces.Space[Any]:
+        """Space of one flag's observation."""
+        nodes = 3 * len(self.batch.nodes)
+        rest = _box(2 * nodes + self.batch.actuators.shape[1] + 1)
+        return spaces.Dict({"observation": rest, "achieved_goal": _box(nodes), "desired_goal": _box(nodes)})
+
+    def observe(self) -> Observation:
+        """Observations of all copies, fresh memory."""
+        here = self.batch.node_positions
+        return {
+            "observation": _pack(here, self.batch.node_velocities, self.batch.actuators, _time_left(self.batch)),
+            "achieved_goal": _pack(here),
+            "desired_goal": _pack(self.batch.node_targets),
+        }
+
+    def terms(self, outcome: Outcome, observation: Observation) -> dict[str, Array]:
+        """Named terms that sum to the rewards."""
+        del outcome
+        return self.goal_terms(observation["achieved_goal"], observation["desired_goal"])
+
+    def goal_terms(self, achieved: NDArray[Any], desired: NDArray[Any]) -> dict[str, Array]:
+        """Terms (...,) for goals (..., 3 nodes); one reduction in float64, so that every caller gets the same bits."""
+        difference = np.asarray(achieved, np.float64) - np.asarray(desired, np.float64)
+        square = np.einsum("...i,...i->...", difference, difference) / len(self.batch.nodes)
+        distance = np.sqrt(square) / self.batch.scene.lattice.diagonal
+        return reward_terms(self.reward, distance, distance, self.batch.settings.tolerance)
+
+
+def goal_reward(view: GoalView, achieved: NDArray[Any], desired: NDArray[Any]) -> Any:
+    """Reward of one pair of goals (a float) or of many (an array)."""
+    reward = sum(view.goal_terms(achieved, desired).values())
+    return float(reward) if np.ndim(reward) == 0 else reward
+
+
+def _box(size: int) -> spaces.Box:
+    return spaces.Box(-LIMIT, LIMIT, (size,), np.float32)
+
+
+def _pack(*parts: Array) -> NDArray[np.float32]:
+    """Parts side by side, clipped to the declared bounds, as float32."""
+    whole = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
+    return np.asarray(np.clip(whole, -LIMIT, LIMIT), np.float32)
+
+
+def _time_left(batch: FlagBatch) -> Array:
+    return np.maximum(1.0 - batch.elapsed[:, None] / EPISODE_STEPS, 0.0)

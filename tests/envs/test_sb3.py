@@ -1,0 +1,70 @@
+"""`FlagSB3VecEnv` equals SB3's own `DummyVecEnv`, and SB3's algorithms learn on it."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence as same
+from stable_baselines3 import PPO, SAC, HerReplayBuffer
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+import flag_env  # noqa: F401
+from flag_env.envs.sb3 import FlagSB3VecEnv
+
+
+@pytest.mark.parametrize("env_id", ["Flag-v0", "FlagGoal-v0", "FlagGoalDense-v0"])
+def test_equals_dummy_vec_env(env_id):
+    ours = FlagSB3VecEnv(3, env_id, max_episode_steps=6)
+    theirs = DummyVecEnv([lambda: gymnasium.make(env_id, max_episode_steps=6)] * 3)
+    ours.seed(4)
+    theirs.seed(4)
+    assert same(ours.reset(), dict(theirs.reset()) if env_id != "Flag-v0" else theirs.reset())
+    rng = np.random.default_rng(0)
+    for _ in range(14):
+        action = rng.uniform(-1, 1, (3, 3)).astype(np.float32)
+        mine, other = ours.step(action), list(theirs.step(action))
+        if env_id != "Flag-v0":
+            other[0] = dict(other[0])
+        for info in other[3]:
+            info.pop("episode", None)
+        for part, (a, b) in enumerate(zip(mine, other, strict=True)):
+            assert same(a, b), (part, a, b)
+        assert same(ours.reset_infos, theirs.reset_infos)
+
+
+def test_attributes_belong_to_one_copy():
+    env = FlagSB3VecEnv(3)
+    env.set_attr("note", "b", indices=1)
+    assert env.get_attr("note", indices=[1]) == ["b"]
+    assert env.get_attr("render_mode") == [None] * 3
+    with pytest.raises(AttributeError):
+        env.get_attr("note", indices=0)
+    assert env.env_is_wrapped(gymnasium.Wrapper) == [False] * 3
+
+
+def test_unknown_id_is_named():
+    with pytest.raises(ValueError, match=r"env_id must be one of .*, got .Pole-v0."):
+        FlagSB3VecEnv(2, "Pole-v0")
+
+
+def test_rewards_of_goals_alone_equal_those_of_the_steps():
+    env = gymnasium.make("FlagGoalDense-v0").unwrapped
+    env.reset(seed=0)
+    steps = [env.step(env.action_space.sample()) for _ in range(30)]
+    achieved, desired = (np.stack([step[0][key] for step in steps]) for key in ("achieved_goal", "desired_goal"))
+    rewards = np.array([step[1] for step in steps])
+    assert np.array_equal(env.compute_reward(achieved, desired, [{}] * 30), rewards)
+    assert type(env.compute_reward(achieved[3], desired[3], {})) is float
+    assert env.compute_reward(achieved[3], desired[3], {}) == rewards[3]
+
+
+def test_algorithms_run():
+    PPO("MlpPolicy", VecMonitor(FlagSB3VecEnv(4)), n_steps=16, batch_size=32, n_epochs=1, device="cpu").learn(128)
+    agent = SAC(
+        "MultiInputPolicy",
+        FlagSB3VecEnv(4, "FlagGoal-v0", max_episode_steps=10),
+        replay_buffer_class=HerReplayBuffer,
+        learning_starts=60,
+        device="cpu",
+    )
+    agent.learn(100)
+    assert agent.num_timesteps >= 100
