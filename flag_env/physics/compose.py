@@ -212,12 +212,14 @@ def _run_for(sources: frozenset[Path] | None) -> Callable[..., Any]:
 
 @cache
 def _foreign_sources(modules: tuple[str, ...]) -> frozenset[Path] | None:
-    """Files of effects from outside this package; None if one has no file, as in a notebook."""
+    """Files of effects from outside this package and of the kernels that they import; None if one has no file."""
     here = __name__.rpartition(".")[0]
+    members = [value for name in modules for value in vars(sys.modules[name]).values()]
+    called = {value.py_func.__module__ for value in members if hasattr(value, "py_func")}
     try:
         return frozenset(
             Path(inspect.getsourcefile(sys.modules[name]) or "")
-            for name in modules
+            for name in {*modules, *called}
             if name != here and not name.startswith(here + ".")
         )
     except (TypeError, KeyError):

@@ -62,6 +62,7 @@ class State:
     stepped: NDArray[np.bool_]
     failed_at: NDArray[np.int64]
     failed_particle: NDArray[np.int64]
+    scales: tuple[float, float]
     effects: tuple[tuple[NDArray[Any], ...], ...]
 
 
@@ -116,6 +117,7 @@ class Simulator:
         self._stepped = np.zeros(self._copies, bool)
         self._failed_at = np.full(self._copies, -1, np.int64)
         self._failed_particle = np.zeros(self._copies, np.int64)
+        self._scaled, self._scales = scene, (1.0, 1.0)
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
     # -- what it is -------------------------------------------------------------------------------------------------------------
@@ -189,6 +191,7 @@ class Simulator:
             self._stepped.copy(),
             self._failed_at.copy(),
             self._failed_particle.copy(),
+            self._scales,
             tuple(tuple(array.copy() for array in arrays) for arrays in self._effect_state()),
         )
 
@@ -228,6 +231,8 @@ class Simulator:
         for mine, theirs in pairs:
             mine[to] = theirs[source]
         if copies is None:
+            if state.scales != self._scales:
+                self.set_parameters(*state.scales)
             self._steps_taken = round(state.time / self._timestep)
 
     # -- controls ---------------------------------------------------------------------------------------------------------------
@@ -238,7 +243,7 @@ class Simulator:
         Parameters
         ----------
         position : (3,) or (copies, 3)
-            Displacement of the mast's foot, the lowest pinned particle of layer 0, from the origin [m].
+            Displacement of the mast's foot, which stands at the origin at rest [m].
         tilt : (2,) or (copies, 2)
             Angles about the world's x and then y axis through the foot [rad].
         yaw : scalar or (copies,)
@@ -259,18 +264,24 @@ class Simulator:
         Parameters
         ----------
         amplitude, mean : (3,) or (copies, 3)
-            Force on every free particle [N].
+            Force on every free particle [N], or velocity of the air [m/s], as the scene's wind has it.
         frequency : (3,) or (copies, 3)
             [rad/s].
 
         Raises
         ------
         ValueError
-            If the scene has no wind or a value is not finite or of the wrong shape.
+            If the scene has no wind or winds in different units, or a value is not finite or of the wrong shape.
         """
         winds = [bound for effect, bound in zip(self._scene.effects, self._effects, strict=True) if isinstance(effect, Wind)]
         if not winds:
             raise ValueError("scene must hold a wind for set_wind, such as effects.CosineWind(); it has none")
+        units = sorted({effect.unit for effect in self._scene.effects if isinstance(effect, Wind)})
+        if len(units) > 1:
+            raise ValueError(
+                f"scene must hold winds in one unit for set_wind, got winds in {' and '.join(units)}; take one out, as in "
+                "scene.without(effects.CosineWind)"
+            )
         given = {"amplitude": amplitude, "frequency": frequency, "mean": mean}
         shapes = ((3,), (self._copies, 3))
         checked = {name: validate.array(name, value, *shapes) for name, value in given.items() if value is not None}
@@ -303,7 +314,7 @@ class Simulator:
         kept = dict(zip((type(effect) for effect in self._scene.effects), self._effects, strict=True))
         changed = {type(old) for effect, old in zip(scene.effects, self._current_effects, strict=True) if effect != old}
         self._effects = self._bind(scene.effects, {kind: bound for kind, bound in kept.items() if kind not in changed})
-        self._scaled = scene
+        self._scaled, self._scales = scene, (float(stiffness_scale), float(viscosity_scale))
 
     # -- running ----------------------------------------------------------------------------------------------------------------
 
@@ -355,7 +366,7 @@ class Simulator:
 
     @property
     def _current_effects(self) -> tuple[Any, ...]:
-        return getattr(self, "_scaled", self._scene).effects
+        return self._scaled.effects
 
     def _bind(self, effects: tuple[Effect, ...], kept: dict[type[Effect], Any]) -> tuple[Any, ...]:
         """Bound effects in the scene's order, those of `kept` as they are."""
@@ -414,6 +425,8 @@ class Simulator:
     def _flat(self, name: str, value: ArrayLike, rest: NDArray[np.float64] | float = 0.0) -> NDArray[np.float64]:
         shape = (*self._scene.lattice.shape, 3)
         checked = validate.array(name, value, shape, (self._copies, *shape))
+        if (largest := np.abs(checked).max()) > np.finfo(self._dtype).max:
+            raise ValueError(f"{name} must fit the scene's {self._dtype}, got a magnitude of {largest:g}")
         absent = [axis for axis in range(3) if axis not in self._axes]
         if absent and (checked - rest)[..., absent].any():
             names = " and ".join("xyz"[axis] for axis in absent)

@@ -97,4 +97,12 @@ class Effect:
 
 
 class Wind(Effect):
-    """An effect whose bound form carries `mean`, `amplitude`, `frequency` and `phase`, each (copies, 3), which a run may change."""
+    """An effect whose bound form carries `mean`, `amplitude`, `frequency` and `phase`, each (copies, 3), which a run may change.
+
+    Attributes
+    ----------
+    unit
+        Of mean and amplitude: "N", a force on every free particle, or "m/s", a velocity of the air.
+    """
+
+    unit: ClassVar[str] = "N"

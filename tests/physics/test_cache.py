@@ -1,0 +1,104 @@
+"""Checks that compiled code kept on disk is used again, and never after a source it was made from has changed."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+import flag_env.physics
+
+FALL = """
+from flag_env.physics import Lattice, Scene, Simulator
+from flag_env.physics.effects import Gravity
+sim = Simulator(Scene(Lattice(1, 1, 1, pinned="none"), (Gravity(8.0),), timestep=0.125))
+sim.step(1)
+print(sim.positions[0, 0, 0, 0, 2])
+import flag_env
+print(flag_env.__path__[0])
+"""
+
+FOREIGN = """
+from dataclasses import dataclass
+from typing import NamedTuple
+import numpy as np
+from flag_env.physics.effects import Effect
+from flag_env.physics.jit import jit
+
+@jit
+def _force(bound, copy, x, v, f, scratch, lag):
+    for t in range(f.shape[1]):
+        f[0, t] += 2.0 * bound.push
+
+class BoundPush(NamedTuple):
+    push: float
+    force = staticmethod(_force)
+
+@dataclass(frozen=True)
+class Push(Effect):
+    push: float = 1.0
+
+    def bind(self, setting):
+        return BoundPush(self.push)
+"""
+
+PUSHED = """
+from foreign import Push
+from flag_env.physics import Lattice, Scene, Simulator
+sim = Simulator(Scene(Lattice(1, 1, 1, mass=0.5, pinned="none"), (Push(4.0),), timestep=0.125))
+sim.step(1)
+print(sim.positions[0, 0, 0, 0, 0])
+"""
+
+
+@pytest.fixture
+def copy_of_package(tmp_path):
+    source = Path(flag_env.physics.__file__).parents[1]
+    shutil.copytree(source / "physics", tmp_path / "flag_env" / "physics", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "flag_env" / "__init__.py").touch()
+    return tmp_path
+
+
+def compiled_files(folder):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*.nb[ic]")}
+
+
+def test_an_edited_kernel_is_compiled_anew_and_an_unedited_one_is_not(copy_of_package, run_python):
+    cache = copy_of_package / "cache"
+
+    def fall():
+        position, package = run_python(FALL, copy_of_package, NUMBA_CACHE_DIR=str(cache)).split()
+        assert Path(package) == copy_of_package / "flag_env"
+        return float(position), compiled_files(cache)
+
+    position, files = fall()
+    assert position == -8.0 * 0.125**2
+    assert {path.suffix for path in files} == {".nbi", ".nbc"}
+    assert fall() == (position, files)
+
+    gravity = copy_of_package / "flag_env" / "physics" / "effects" / "gravity.py"
+    text = gravity.read_text()
+    assert text.count("f[t] -= weight[t]") == 1
+    gravity.write_text(text.replace("f[t] -= weight[t]", "f[t] -= 2 * weight[t]"))
+    edited, more = fall()
+    assert edited == 2 * position
+    assert more.items() > files.items()
+    assert fall() == (edited, more)
+
+
+def test_an_effect_from_outside_is_compiled_kept_and_renewed(copy_of_package, run_python):
+    cache = copy_of_package / "cache"
+    foreign = copy_of_package / "foreign.py"
+
+    def pushed():
+        return float(run_python(PUSHED, copy_of_package, NUMBA_CACHE_DIR=str(cache))), compiled_files(cache)
+
+    foreign.write_text(FOREIGN)
+    position, files = pushed()
+    assert position == 0.125**2 * 2 * 4.0 / 0.5
+    assert files
+    assert pushed() == (position, files)
+
+    foreign.write_text(FOREIGN.replace("2.0 * bound.push", "3.0 * bound.push"))
+    edited, more = pushed()
+    assert edited == 1.5 * position
+    assert more.items() > files.items()
