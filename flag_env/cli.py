@@ -46,10 +46,36 @@ def speed(output: Path = Path("runs/speed"), quick: bool = False) -> None:
     run(output, quick)
 
 
+def effects(output: Path = Path("runs/effects"), quick: bool = False) -> None:
+    """Measure what each effect costs in its scene, and how fast scenes start.
+
+    Args:
+        output: folder for effects.json and effects.png.
+        quick: fewer repetitions, one start.
+    """
+    from flag_env.studies.effects import run
+
+    run(output, quick)
+
+
+def record(output: Path = Path("runs/scenes"), quick: bool = False) -> None:
+    """Record every preset scene in motion, and a gallery of them.
+
+    Args:
+        output: folder for a GIF of each scene and gallery.png.
+        quick: the gallery alone.
+    """
+    from flag_env.studies.gallery import run
+
+    run(output, quick)
+
+
 def main() -> None:
     """Run a subcommand."""
     try:
         import tyro
     except ImportError:
         sys.exit('the flag-env command needs the extra "cli": pip install "flag_env[cli]"')
-    tyro.extras.subcommand_cli_from_dict({"speed": speed, "targets": targets}, description="Studies and tools of flag_env.")
+    tyro.extras.subcommand_cli_from_dict(
+        {"effects": effects, "record": record, "speed": speed, "targets": targets}, description="Studies and tools of flag_env."
+    )

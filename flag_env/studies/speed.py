@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +11,10 @@ from tqdm import tqdm
 from flag_env.physics import Simulator, effects, presets
 from flag_env.studies import report
 from flag_env.studies.plain import PlainFlag
+from flag_env.studies.timing import fastest
 
 SIZES = ((10, 16), (20, 32), (40, 64))
 DTYPES = ("float32", "float64")
-
-
-def fastest(jobs: dict[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
-    """Shortest time of each job [s], the jobs taking turns so that all see the same machine."""
-    best = dict.fromkeys(jobs, float("inf"))
-    for turn in range(rounds + 1):
-        for name, job in jobs.items():
-            start = time.perf_counter()
-            job()
-            if turn:  # the first turn compiles
-                best[name] = min(best[name], time.perf_counter() - start)
-    return best
 
 
 def measure(rows: int, cols: int, dtype: str, rounds: int) -> dict[str, Any]:

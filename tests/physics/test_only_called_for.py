@@ -1,0 +1,84 @@
+"""A scene's machine code and memory hold what its effects call for, and nothing else."""
+
+import re
+
+import numpy as np
+import pytest
+
+from flag_env.physics import Lattice, Scene, Simulator, compose, effects, presets, simulator
+from flag_env.physics.jit import jit
+
+
+def machine_code(scene, monkeypatch) -> str:
+    """Assembly of the scene's step, compiled here and now."""
+    run = jit(compose._make_run())
+    monkeypatch.setattr(simulator, "compiled_run", lambda method, bound: run)
+    Simulator(scene).step(1)
+    (signature,) = run.signatures
+    return run.inspect_asm(signature)
+
+
+def has(code: str, what: str) -> bool:
+    patterns = {
+        "square root": r"\bv?sqrt[ps][sd]\b",
+        "division": r"\bv?div[ps][sd]\b",
+        "cosine": r"\bcos\b",
+        "double": r"\bv(add|mul|sub|fmadd\w*)[ps]d\b",
+    }
+    return re.search(patterns[what], code) is not None
+
+
+FLAG = presets.flag(4, 5)
+
+
+@pytest.mark.parametrize(
+    ("scene", "present", "absent"),
+    [
+        (Scene(FLAG.lattice, (effects.Gravity(),)), [], ["square root", "division", "cosine"]),
+        (FLAG, ["square root", "division", "cosine"], []),
+        (FLAG.without(effects.CosineWind), ["square root", "division"], ["cosine"]),
+        (FLAG.without(effects.LinkEffect), ["cosine"], ["square root", "division"]),
+        (presets.rope(9), [], ["square root", "division", "cosine"]),
+        (Scene(FLAG.lattice, (effects.Gravity(),), dtype="float32"), [], ["square root", "double", "cosine"]),
+    ],
+    ids=["gravity", "flag", "calm", "no springs", "rope", "float32"],
+)
+def test_machine_code(scene, present, absent, monkeypatch):
+    code = machine_code(scene, monkeypatch)
+    assert [what for what in present if not has(code, what)] == []
+    assert [what for what in absent if has(code, what)] == []
+
+
+def test_each_effect_adds_code_of_its_own(monkeypatch):
+    lengths = []
+    scene = Scene(FLAG.lattice)
+    for effect in (None, effects.Gravity(), effects.AirDrag(), effects.Structural()):
+        scene = scene if effect is None else scene.adding(effect)
+        lengths.append(len(machine_code(scene, monkeypatch)))
+    assert lengths == sorted(set(lengths))
+
+
+def arrays(value) -> list[np.ndarray]:
+    return [entry for entry in value if isinstance(entry, np.ndarray)]
+
+
+def test_memory_held_is_the_sum_over_the_effects():
+    """A one-layer scene holds no cross links; a scene without an effect holds none of its arrays."""
+    whole = Simulator(FLAG)
+    kinds = [type(bound).__name__ for bound in whole._effects]
+    assert kinds == ["BoundGravity", "Isotropic3", "Isotropic3", "Isotropic3", "BoundAirDrag", "BoundCosineWind"]
+    bytes_of = {
+        type(effect): sum(array.nbytes for array in arrays(bound))
+        for effect, bound in zip(FLAG.effects, whole._effects, strict=True)
+    }
+    for effect in FLAG.effects:
+        cut = Simulator(FLAG.without(type(effect)))
+        held = sum(array.nbytes for bound in cut._effects for array in arrays(bound))
+        assert held == sum(bytes_of.values()) - bytes_of[type(effect)]
+
+
+def test_undamped_links_carry_no_viscosity():
+    (springs,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.0),)))._effects
+    (dampers,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.1),)))._effects
+    assert "viscosity" not in springs._fields
+    assert "viscosity" in dampers._fields
