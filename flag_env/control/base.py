@@ -56,6 +56,12 @@ class Control:
         raise NotImplementedError
 
 
+    @staticmethod
+    def other_way(actions: Array) -> Array:
+        """Another way to where `actions` (steps, size) lead: a pose that both reach does not hang on one path's folds."""
+        raise NotImplementedError
+
+
 def lag_factor(lag: float) -> float:
     """Share of the way to its set-point that a first-order actuator of time constant `lag` [s] goes in one control step."""
     return 1.0 - math.exp(-CONTROL_STEP / lag)

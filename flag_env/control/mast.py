@@ -63,3 +63,8 @@ class MastControl(Control):
     def sample_witness(rng: np.random.Generator, steps: int) -> Array:
         """Three strokes of 0.6 s, then rest."""
         return hold(np.vstack([rng.uniform(-0.8, 0.8, (3, 5)), np.zeros(5)]), (15, 15, 15), steps)
+
+    @staticmethod
+    def other_way(actions: Array) -> Array:
+        """The strokes in the opposite order."""
+        return np.concatenate([actions[:45][::-1], actions[45:]])

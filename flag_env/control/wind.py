@@ -64,3 +64,8 @@ class WindControl(Control):
     def sample_witness(rng: np.random.Generator, steps: int) -> Array:
         """A gust of 0.6 s, then a steady wind; |u| <= 0.8, so that an agent has something in hand."""
         return hold(rng.uniform(-0.8, 0.8, (2, 3)), (15,), steps)
+
+    @staticmethod
+    def other_way(actions: Array) -> Array:
+        """The steady wind from the start."""
+        return np.repeat(actions[-1:], len(actions), axis=0)

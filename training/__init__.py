@@ -1,0 +1,1 @@
+"""Trains, evaluates and records agents on flag_env: `python -m training.train`."""

@@ -1,0 +1,48 @@
+"""Where every environment of training and evaluation is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gymnasium
+from gymnasium.vector import VectorEnv
+from stable_baselines3.common.vec_env import VecEnv
+
+import flag_env  # noqa: F401  registers the ids
+from flag_env.envs.sb3 import FlagSB3VecEnv
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be learnt: an environment id and the arguments that choose the problem."""
+
+    env_id: str = "Flag-v0"
+    control: str = "wind"
+    level: str = "breeze"
+
+    @property
+    def name(self) -> str:
+        """The id, with control and level where they are not the default."""
+        default = (self.control, self.level) == (Task.control, Task.level)
+        return self.env_id if default else f"{self.env_id}-{self.control}-{self.level}"
+
+    def make(self, split: str, **keywords: object) -> gymnasium.Env:
+        """One environment."""
+        return gymnasium.make(self.env_id, control=self.control, level=self.level, split=split, **keywords)
+
+
+def training_envs(task: Task, count: int) -> VecEnv:
+    """Flags of the training split, for stable-baselines3; they can be pickled in mid-episode, which checkpoints rely on."""
+    return FlagSB3VecEnv(count, task.env_id, control=task.control, level=task.level, split="train")
+
+
+def evaluation_envs(task: Task, count: int, split: str) -> VectorEnv:
+    """Flags of a split, each of which can be reset to a target of its own."""
+    return gymnasium.make_vec(
+        task.env_id,
+        num_envs=count,
+        vectorization_mode="vector_entry_point",
+        control=task.control,
+        level=task.level,
+        split=split,
+    )

@@ -1,0 +1,98 @@
+"""Success of agents and baselines on every target of a split: `python -m training.evaluate runs/Flag-v0-ppo-0`.
+
+Loading a model unpickles it, which can run code: evaluate only models that you trust.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import torch
+import tyro
+from stable_baselines3 import PPO, SAC
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from flag_env.envs.batch import HOLD_STEPS
+from flag_env.tasks.targets import SIZES
+from training.baselines import BASELINES
+from training.environments import Task, evaluation_envs
+from training.files import read_json, write_json
+from training.rollouts import TOLERANCES, Agent, Policy, rollout, summary
+
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
+
+WIDTH = 64
+"""Environments that an evaluation runs in lock-step."""
+
+
+def evaluate(policies: dict[str, Policy], task: Task, split: str, episodes: int | None = None) -> dict[str, Any]:
+    """The content of `evaluation.json`: each policy's summary over the first `episodes` targets of a split (None: all)."""
+    targets = range(SIZES[split] if episodes is None else min(episodes, SIZES[split]))
+    envs = evaluation_envs(task, min(WIDTH, len(targets)), split)
+    results = {name: summary(rollout(policy, envs, targets)) for name, policy in policies.items()}
+    envs.close()
+    return {
+        "task": vars(task),
+        "split": split,
+        "episodes": len(targets),
+        "tolerances": TOLERANCES,
+        "hold_steps": HOLD_STEPS,
+        "policies": results,
+    }
+
+
+def table(evaluation: dict[str, Any]) -> str:
+    """An evaluation for the terminal."""
+    title = f"{evaluation['task']['env_id']}, {evaluation['task']['control']}, {evaluation['task']['level']}"
+    lines = [
+        f"{title}: {evaluation['episodes']} {evaluation['split']} targets",
+        f"{'policy':12}  {'success at 5 %':>14}  {'success at 3 %':>14}  {'median distance':>15}",
+    ]
+    for name, result in evaluation["policies"].items():
+        median = "diverged" if result["median_distance"] is None else f"{100 * result['median_distance']:.1f} %"
+        lines.append(f"{name:12}  {result['success_5']:>14.1%}  {result['success_3']:>14.1%}  {median:>15}")
+    return "\n".join(lines)
+
+
+def load(folder: Path) -> tuple[Task, BaseAlgorithm]:
+    """Task and model of a finished training. Runs code that is stored in the model."""
+    arguments = read_json(folder / "arguments.json")["arguments"]
+    task = Task(arguments["env_id"], arguments["control"], arguments["level"])
+    return task, ALGORITHMS[arguments["algo"]].load(folder / "model.zip", device="cpu")
+
+
+def main(
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
+    baselines: tuple[Literal["zero", "random", "lookup", "p_control"], ...] = ("zero", "random"),
+    control: Literal["wind", "mast"] = "wind",
+    level: Literal["calm", "breeze"] = "breeze",
+    split: Literal["train", "validation", "test"] = "validation",
+    output: Path | None = None,
+) -> None:
+    """Evaluate trained agents and baselines on every target of a split.
+
+    Args:
+        runs: folders of finished trainings, all of one task; a model can run code when it is loaded, so trust it first.
+        baselines: baselines to evaluate beside them.
+        control: control of the baselines' task if there is no run.
+        level: level of the baselines' task if there is no run.
+        split: targets to evaluate on.
+        output: JSON file to write as well.
+    """
+    torch.set_num_threads(1)
+    loaded = {folder.name: load(folder) for folder in runs}
+    tasks = {task for task, _ in loaded.values()} or {Task(control=control, level=level)}
+    if len(tasks) > 1:
+        raise SystemExit(f"runs must be of one task, got {', '.join(sorted(task.name for task in tasks))}")
+    task = tasks.pop()
+    policies: dict[str, Policy] = {name: Agent(model) for name, (_, model) in loaded.items()}
+    policies |= {name: BASELINES[name](task, split) for name in baselines}
+    result = evaluate(policies, task, split)
+    if output is not None:
+        write_json(output, result)
+    print(table(result))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,93 @@
+"""Films a trained agent on four targets it has never seen: `python -m training.record runs/Flag-v0-ppo-0`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import torch
+import tyro
+from numpy.typing import NDArray
+
+from flag_env.envs.batch import EPISODE_STEPS
+from flag_env.render import write_video
+from training.environments import Task
+from training.evaluate import load
+from training.rollouts import Agent, Policy
+
+PAUSE = 8
+"""Frames for which the last picture stands."""
+
+
+def frames(
+    policy: Policy, task: Task, split: str, targets: Sequence[int], size: int = 300, every: int = 2
+) -> Iterator[NDArray[np.uint8]]:
+    """Pictures of four episodes side by side, 2 x 2, one picture for `every` steps; `size` is the width of one [pixels]."""
+    envs = [task.make(split, render_mode="rgb_array", width=size, height=size) for _ in targets]
+    policy.begin(np.asarray(targets))
+    observations = [env.reset(options={"target": int(target)})[0] for env, target in zip(envs, targets, strict=True)]
+    picture = _grid([env.render() for env in envs])
+    yield picture
+    for step in range(1, EPISODE_STEPS + 1):
+        actions = policy.act(np.stack(observations))
+        observations = [env.step(action)[0] for env, action in zip(envs, actions, strict=True)]
+        if step % every == 0 or step == EPISODE_STEPS:
+            picture = _grid([env.render() for env in envs])
+            yield picture
+    for env in envs:
+        env.close()
+    for _ in range(PAUSE):
+        yield picture
+
+
+def record(
+    path: Path,
+    policy: Policy,
+    task: Task,
+    split: str = "test",
+    targets: Sequence[int] = (0, 1, 2, 3),
+    every: int = 2,
+    size: int = 300,
+) -> Path:
+    """Write the film as a GIF or MP4, after the suffix of `path`; it plays at the speed of life."""
+    fps = task.make(split).metadata["render_fps"] / every
+    return write_video(frames(policy, task, split, targets, size, every), path, fps)
+
+
+def _grid(pictures: list[Any]) -> NDArray[np.uint8]:
+    """Four pictures, 2 x 2, with a thin line between them."""
+    height, width, _ = pictures[0].shape
+    grid = np.full((2 * height + 2, 2 * width + 2, 3), 255, np.uint8)
+    for number, picture in enumerate(pictures):
+        top, left = number // 2 * (height + 2), number % 2 * (width + 2)
+        grid[top : top + height, left : left + width] = picture
+    return grid
+
+
+def main(
+    run: Annotated[Path, tyro.conf.Positional],
+    targets: tuple[int, int, int, int] = (0, 1, 2, 3),
+    split: Literal["train", "validation", "test"] = "test",
+    output: Path | None = None,
+    size: int = 300,
+    every: int = 2,
+) -> None:
+    """Film a trained agent on four targets.
+
+    Args:
+        run: folder of a finished training; its model can run code when it is loaded, so trust it first.
+        targets: numbers of the targets in their split.
+        split: where the targets are from.
+        output: file to write, .gif or .mp4; agent.gif in the folder if not given.
+        size: width of one of the four pictures in pixels.
+        every: steps between two pictures.
+    """
+    torch.set_num_threads(1)
+    task, model = load(run)
+    print(record(output or run / "agent.gif", Agent(model), task, split, targets, every, size))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
