@@ -55,7 +55,6 @@ class Control:
         """A random sequence of actions (steps, size) that ends with the flag coming to rest."""
         raise NotImplementedError
 
-
     @staticmethod
     def other_way(actions: Array) -> Array:
         """Another way to where `actions` (steps, size) lead: a pose that both reach does not hang on one path's folds."""

@@ -61,10 +61,11 @@ class MastControl(Control):
 
     @staticmethod
     def sample_witness(rng: np.random.Generator, steps: int) -> Array:
-        """Three strokes of 0.6 s, then rest."""
-        return hold(np.vstack([rng.uniform(-0.8, 0.8, (3, 5)), np.zeros(5)]), (15, 15, 15), steps)
+        """Two strokes of 0.6 s, then rest."""
+        return hold(np.vstack([rng.uniform(-0.6, 0.6, (2, 5)), np.zeros(5)]), (15, 15), steps)
 
     @staticmethod
     def other_way(actions: Array) -> Array:
-        """The strokes in the opposite order."""
-        return np.concatenate([actions[:45][::-1], actions[45:]])
+        """The straight way: the mean of the strokes for as long as they last."""
+        moving = np.any(actions != 0, axis=1)
+        return np.where(moving[:, None], actions[moving].mean(axis=0), 0.0)

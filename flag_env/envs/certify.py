@@ -2,8 +2,8 @@
 
 A witness is drawn at random, replayed from the start under a hidden wind drawn at random, and kept if it holds the flag within
 half the tolerance of its last pose for the last ten steps, and if another way of acting (`Control.other_way`) does so too: cloth
-folds, and a fold that only one path leads to would be a matter of luck. The stored pose is rounded; the proof is made on what is
-stored.
+folds, and a fold that only one path leads to would be a matter of luck. A target that idle actions reach asks for nothing and is
+not kept. The stored pose is rounded; the proof is made on what is stored.
 """
 
 from __future__ import annotations
@@ -40,10 +40,12 @@ def build(control: str, level: str, seed: int, progress: Callable[[int], Any] = 
         while len(kept) < SIZES[split]:
             drawn = _draw(control, level, rng)
             poses = replay(settings, drawn, range(_CHUNK))
-            others = replay(settings, _other_way(control, drawn), range(_CHUNK))
             stored = decode(encode(poses[-1]))
-            worst = [_distances(settings, way, stored).max(axis=0) for way in (poses, others)]
-            found = np.flatnonzero(np.maximum(*worst) < STEADY)[: SIZES[split] - len(kept)]
+            others = (_other_way(control, drawn), replace(drawn, witnesses=np.zeros_like(drawn.witnesses)))
+            ways = (poses, *(replay(settings, other, range(_CHUNK)) for other in others))
+            witness, other, idle = (_distances(settings, way, stored).max(axis=0) for way in ways)
+            reached = (witness < STEADY) & (other < STEADY) & (idle > settings.tolerance)
+            found = np.flatnonzero(reached)[: SIZES[split] - len(kept)]
             kept += [(drawn.witnesses[i], drawn.wind[i], poses[-1, i]) for i in found]
             progress(len(found))
         witnesses, wind, last = (np.stack(column) for column in zip(*kept, strict=True))
