@@ -58,6 +58,18 @@ def effects(output: Path = Path("runs/effects"), quick: bool = False) -> None:
     run(output, quick)
 
 
+def flutter(output: Path = Path("runs/flutter"), quick: bool = False) -> None:
+    """Measure from which wind on a flag flutters, beside linear theory.
+
+    Args:
+        output: folder for flutter.json and flutter.png.
+        quick: a coarser flag and fewer winds.
+    """
+    from flag_env.studies.flutter import run
+
+    run(output, quick)
+
+
 def record(output: Path = Path("runs/scenes"), quick: bool = False) -> None:
     """Record every preset scene in motion, and a gallery of them.
 
@@ -77,5 +89,6 @@ def main() -> None:
     except ImportError:
         sys.exit('the flag-env command needs the extra "cli": pip install "flag_env[cli]"')
     tyro.extras.subcommand_cli_from_dict(
-        {"effects": effects, "record": record, "speed": speed, "targets": targets}, description="Studies and tools of flag_env."
+        {"effects": effects, "flutter": flutter, "record": record, "speed": speed, "targets": targets},
+        description="Studies and tools of flag_env.",
     )

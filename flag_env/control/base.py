@@ -56,8 +56,8 @@ class Control:
         raise NotImplementedError
 
     @staticmethod
-    def other_way(actions: Array) -> Array:
-        """Another way to where `actions` (steps, size) lead: a pose that both reach does not hang on one path's folds."""
+    def other_ways(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+        """Other ways to where `actions` (steps, size) lead: a pose that all reach does not hang on one path's folds."""
         raise NotImplementedError
 
 

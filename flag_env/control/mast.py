@@ -6,7 +6,7 @@ inside a box, its tilt inside a range, both about the place of the start; at the
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ class MastControl(Control):
         return hold(np.vstack([rng.uniform(-0.6, 0.6, (2, 5)), np.zeros(5)]), (15, 15), steps)
 
     @staticmethod
-    def other_way(actions: Array) -> Array:
+    def other_ways(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """The straight way: the mean of the strokes for as long as they last."""
         moving = np.any(actions != 0, axis=1)
-        return np.where(moving[:, None], actions[moving].mean(axis=0), 0.0)
+        return (np.where(moving[:, None], actions[moving].mean(axis=0), 0.0),)

@@ -9,7 +9,7 @@ The frequencies are the report's. The hidden offset belongs to the episode, not 
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,6 @@ class WindControl(Control):
         return hold(rng.uniform(-0.8, 0.8, (2, 3)), (15,), steps)
 
     @staticmethod
-    def other_way(actions: Array) -> Array:
+    def other_ways(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """The steady wind from the start."""
-        return np.repeat(actions[-1:], len(actions), axis=0)
+        return (np.repeat(actions[-1:], len(actions), axis=0),)

@@ -11,9 +11,17 @@ test behind. What a bound effect may offer, as static attributes of its type:
 `advance(bound, copy, seconds)`
     then moves its own state (the phase of a wind) on by one step.
 
-A bound integrator has `seconds`, its timestep, and offers `step(method, effects, copy, x, v, f, scratch, inverse_mass)` and
-`velocity(method, effects, copy, x, v, f, scratch, inverse_mass)`, which leaves the velocities at the instant of the positions in
-`f`. Arrays: `x, v, f` (coordinates, particles); `scratch` (rows, particles); `inverse_mass` (particles,), zero where pinned.
+What a bound integrator has: `seconds`, its timestep; `rows()`, how many rows of memory and of work it needs; and
+
+`step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass)`
+    takes one step;
+`velocity(...)`, the same arguments
+    leaves the velocities at the instant of the positions in `f`;
+`start(...)`, if it has one
+    makes `v` and `memory` ready for a first step from velocities at the instant of the positions.
+
+Arrays: `x, v, f` (coordinates, particles); `scratch` (3, particles); `inverse_mass` (particles,), zero where pinned; `memory`
+(rows, coordinates, particles), kept for each copy and part of its state; `work` (rows, 3, particles), not kept.
 
 Called from plain Python (`NUMBA_DISABLE_JIT=1`) the same functions are ordinary loops: the tests' oracle.
 """
@@ -120,27 +128,42 @@ def _compile_advance(effects: Any, copy: int, seconds: float) -> Any:
     return run
 
 
-def _step(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> None:
-    method.step(method, effects, copy, x, v, f, scratch, inverse_mass)
+def _step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    method.step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass)
 
 
 @overload(_step, jit_options=_OPTIONS, strict=False)
-def _compile_step(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> Any:
+def _compile_step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
     step = method.instance_class.step
-    return lambda method, effects, copy, x, v, f, scratch, inverse_mass: step(
-        method, effects, copy, x, v, f, scratch, inverse_mass
+    return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: step(
+        method, effects, copy, x, v, memory, f, scratch, work, inverse_mass
     )
 
 
-def _velocity(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> None:
-    method.velocity(method, effects, copy, x, v, f, scratch, inverse_mass)
+def _start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    if hasattr(method, "start"):
+        method.start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass)
+
+
+@overload(_start, jit_options=_OPTIONS, strict=False)
+def _compile_start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    start = getattr(method.instance_class, "start", None)
+    if start is None:
+        return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: None
+    return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: start(
+        method, effects, copy, x, v, memory, f, scratch, work, inverse_mass
+    )
+
+
+def _velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    method.velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass)
 
 
 @overload(_velocity, jit_options=_OPTIONS, strict=False)
-def _compile_velocity(method: Any, effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, inverse_mass: Any) -> Any:
+def _compile_velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
     velocity = method.instance_class.velocity
-    return lambda method, effects, copy, x, v, f, scratch, inverse_mass: velocity(
-        method, effects, copy, x, v, f, scratch, inverse_mass
+    return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: velocity(
+        method, effects, copy, x, v, memory, f, scratch, work, inverse_mass
     )
 
 
@@ -173,7 +196,10 @@ def _first_non_finite(x: Any, v: Any) -> int:
 
 
 def _make_run() -> Callable[..., Any]:
-    def run(method, effects, x, v, f, scratch, inverse_mass, steps, first, last, failed_at, failed_particle, read, out):
+    def run(
+        method, effects, x, v, memory, f, scratch, work, inverse_mass,
+        steps, first, last, stepped, failed_at, failed_particle, read, out,
+    ):  # fmt: skip
         """Take `steps` steps of the copies `first <= copy < last` that have not failed; note the step at which one fails.
 
         With `read`, write the velocities at the instant of the positions into `out` afterwards.
@@ -181,18 +207,21 @@ def _make_run() -> Callable[..., Any]:
         for copy in range(first, last):
             if failed_at[copy] >= 0 and not read:
                 continue
+            p, w, m = x[copy], v[copy], memory[copy]
+            if steps > 0 and not stepped[copy]:
+                _start(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
             for i in range(steps):
-                _step(method, effects, copy, x[copy], v[copy], f, scratch, inverse_mass)
-                project(effects, copy, x[copy], v[copy], scratch, inverse_mass, method.seconds)
+                _step(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
+                project(effects, copy, p, w, scratch, inverse_mass, method.seconds)
                 advance(effects, copy, method.seconds)
                 if (i + 1) % CHECK_EVERY == 0 or i + 1 == steps:
-                    particle = _first_non_finite(x[copy], v[copy])
+                    particle = _first_non_finite(p, w)
                     if particle >= 0:
                         failed_at[copy] = i + 1
                         failed_particle[copy] = particle
                         break
             if read:
-                _velocity(method, effects, copy, x[copy], v[copy], f, scratch, inverse_mass)
+                _velocity(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
                 for d in range(x.shape[1]):
                     for t in range(x.shape[2]):
                         out[copy, d, t] = f[d, t]

@@ -6,7 +6,19 @@ from dataclasses import replace
 from typing import Any
 
 from flag_env.physics import validate
-from flag_env.physics.effects import AirDrag, Bending, CosineWind, CrossLayer, Gravity, Shear, Structural
+from flag_env.physics.effects import (
+    AirDrag,
+    AirPressure,
+    Bending,
+    CosineWind,
+    CrossLayer,
+    Gravity,
+    Gusts,
+    MastCollision,
+    SelfCollision,
+    Shear,
+    Structural,
+)
 from flag_env.physics.lattice import Lattice
 from flag_env.physics.scene import Scene
 
@@ -124,6 +136,25 @@ def two_layer_flag(rows: int = 20, cols: int = 32, *, cross: float | None = None
     links = CrossLayer(shear.stiffness if cross is None else cross, shear.viscosity, tapered=True)
     effects = tuple(links if isinstance(effect, Shear) else effect for effect in single.effects)
     return single.replace(lattice=lattice, effects=effects)
+
+
+def storm_flag(rows: int = 20, cols: int = 32, *, wind: float = 8.0, intensity: float = 2.0, **flag_options: Any) -> Scene:
+    """`flag` in turbulent air that presses on the moving cloth, which runs neither into itself nor into the mast.
+
+    Parameters
+    ----------
+    rows, cols
+        Particles up and along.
+    wind
+        Mean velocity of the air along x [m/s]; `Simulator.set_wind` changes it, in m/s.
+    intensity
+        Standard deviation of the turbulence [m/s].
+    **flag_options
+        Everything that `flag` takes.
+    """
+    wind = validate.number("wind", wind, minimum=0.0)
+    air = AirPressure(mean=(wind, 0.0, 0.0), gusts=Gusts(intensity, speed=max(wind, 1.0)))
+    return flag(rows, cols, **flag_options).without(CosineWind).adding(air, SelfCollision(), MastCollision())
 
 
 def report_flag(layers: int = 1, rows: int = 10, cols: int = 15, **scene: Any) -> Scene:

@@ -19,9 +19,10 @@ from flag_env.physics import validate
 from flag_env.physics.compose import compiled_run
 from flag_env.physics.effects.base import Effect, Setting, Wind
 from flag_env.physics.effects.cosine_wind import BoundCosineWind
+from flag_env.physics.effects.springs import LinkEffect
 from flag_env.physics.mast import mast_points
 from flag_env.physics.scene import Scene
-from flag_env.physics.stability import max_timestep, timestep_of
+from flag_env.physics.stability import SceneSpectrum, max_timestep, timestep_of
 
 _SERIAL = 20_000
 """Particle-steps below which waking threads costs more than it gains."""
@@ -58,6 +59,7 @@ class State:
     time: float
     positions: NDArray[Any]
     velocities: NDArray[Any]
+    memory: NDArray[Any]
     mast: NDArray[np.float64]
     stepped: NDArray[np.bool_]
     failed_at: NDArray[np.int64]
@@ -99,7 +101,7 @@ class Simulator:
         lattice = scene.lattice
         self._pinned = np.flatnonzero(lattice.fixed)
         self._inverse_mass = np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(self._dtype)
-        self._method = scene.integrator.bind(self._dtype, self._timestep)
+        self._method = scene.integrator.bind(self._dtype, self._timestep, SceneSpectrum(lattice, scene.effects))
         self._axes = list(lattice.axes)
         self._seed = seed
         self._effects = self._bind(scene.effects, {})
@@ -113,7 +115,9 @@ class Simulator:
         self._x = np.ascontiguousarray(start, self._dtype)
         self._v = np.zeros_like(self._x)
         self._mast = start[:, :, self._pinned]
-        self._work = np.zeros((self._threads, 2, 3, lattice.size), self._dtype)
+        memory_rows, work_rows = self._method.rows()
+        self._memory = np.zeros((self._copies, memory_rows, *self._x.shape[1:]), self._dtype)
+        self._work = np.zeros((self._threads, 2 + work_rows, 3, lattice.size), self._dtype)
         self._stepped = np.zeros(self._copies, bool)
         self._failed_at = np.full(self._copies, -1, np.int64)
         self._failed_particle = np.zeros(self._copies, np.int64)
@@ -187,6 +191,7 @@ class Simulator:
             self.time,
             self._x.copy(),
             self._v.copy(),
+            self._memory.copy(),
             self._mast.copy(),
             self._stepped.copy(),
             self._failed_at.copy(),
@@ -219,6 +224,7 @@ class Simulator:
         pairs = [
             (self._x, state.positions),
             (self._v, state.velocities),
+            (self._memory, state.memory),
             (self._mast, state.mast),
             (self._stepped, state.stepped),
         ]
@@ -313,7 +319,12 @@ class Simulator:
             )
         kept = dict(zip((type(effect) for effect in self._scene.effects), self._effects, strict=True))
         changed = {type(old) for effect, old in zip(scene.effects, self._current_effects, strict=True) if effect != old}
-        self._effects = self._bind(scene.effects, {kind: bound for kind, bound in kept.items() if kind not in changed})
+        rebound = self._bind(scene.effects, {kind: bound for kind, bound in kept.items() if kind not in changed})
+        self._effects = tuple(
+            bound._replace(weight=kept[type(effect)].weight) if isinstance(effect, LinkEffect) else bound  # broken links stay so
+            for effect, bound in zip(scene.effects, rebound, strict=True)
+        )
+        self._method = scene.integrator.bind(self._dtype, self._timestep, SceneSpectrum(scene.lattice, scene.effects))
         self._scaled, self._scales = scene, (float(stiffness_scale), float(viscosity_scale))
 
     # -- running ----------------------------------------------------------------------------------------------------------------
@@ -356,8 +367,11 @@ class Simulator:
         velocities = self.velocities.reshape(self._copies, -1, 3)
         masses = np.where(lattice.fixed, 0.0, lattice.masses)
         result = {"kinetic": 0.5 * (velocities**2).sum(axis=-1) @ masses}
-        for effect in self._current_effects:
-            energy = effect.energy(lattice, positions)
+        for effect, bound in zip(self._current_effects, self._effects, strict=True):
+            if isinstance(effect, LinkEffect):
+                energy = effect.energy(lattice, positions, bound.weight != 0)  # links may have broken
+            else:
+                energy = effect.energy(lattice, positions)
             if energy is not None:
                 result[_snake(type(effect).__name__)] = energy
         return result
@@ -392,11 +406,11 @@ class Simulator:
         bounds = np.linspace(0, self._copies, threads + 1).astype(int)
 
         def share(thread: int) -> None:
-            f, scratch = self._work[thread, 0, : len(self._axes)], self._work[thread, 1]
+            f, scratch, work_arrays = self._work[thread, 0, : len(self._axes)], self._work[thread, 1], self._work[thread, 2:]
             first, last = int(bounds[thread]), int(bounds[thread + 1])
             run(
-                self._method, self._effects, self._x, self._v, f, scratch, self._inverse_mass,
-                steps, first, last, self._failed_at, self._failed_particle, read, out,
+                self._method, self._effects, self._x, self._v, self._memory, f, scratch, work_arrays, self._inverse_mass,
+                steps, first, last, self._stepped, self._failed_at, self._failed_particle, read, out,
             )  # fmt: skip
 
         if threads == 1:

@@ -9,6 +9,7 @@ and an integrator's limit for the linear problem M x'' + Z x' + K x = 0 is safe 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -18,13 +19,13 @@ import scipy.sparse
 import scipy.sparse.linalg
 from numpy.typing import NDArray
 
-from flag_env.physics.effects.base import Effect
+from flag_env.physics.effects.base import Effect, LinkTerm
 from flag_env.physics.integrators.base import Integrator
 from flag_env.physics.lattice import Lattice
 from flag_env.physics.scene import Scene
 
 AUTO = 0.9
-"""Share of the limit that `timestep="auto"` takes."""
+"""Share of the limit, or of the largest useful step, that `timestep="auto"` takes."""
 
 UNLIMITED = 1e-3
 """Automatic timestep where nothing limits it [s]: a scene without springs or damping."""
@@ -37,18 +38,38 @@ class SceneSpectrum:
     """Mass-scaled stiffness and damping of a scene's free particles, bounded over all poses."""
 
     def __init__(self, lattice: Lattice, effects: tuple[Effect, ...]) -> None:
-        size, free = lattice.size, ~lattice.fixed
-        scale = scipy.sparse.diags_array(1.0 / np.sqrt(lattice.masses[free]))
-        stiffness, damping = _Laplacian(size), _Laplacian(size)
-        for effect in effects:
-            for term in effect.link_terms(lattice):
-                stiffness.add(term.family.offset, term.stiffness)
-                damping.add(term.family.offset, term.viscosity)
-            drag = effect.drag(lattice)
-            if drag is not None:
-                damping.diagonal += drag
-        self.stiffness = scale @ stiffness.matrix(free) @ scale
-        self.damping = scale @ damping.matrix(free) @ scale
+        self._lattice, self._effects = lattice, effects
+
+    @cached_property
+    def free(self) -> NDArray[np.intp]:
+        """Flat numbers of the free particles."""
+        return np.flatnonzero(~self._lattice.fixed)
+
+    @cached_property
+    def masses(self) -> NDArray[np.float64]:
+        """Masses of the free particles [kg]."""
+        return self._lattice.masses[self.free]
+
+    @cached_property
+    def stiffness(self) -> Any:
+        """M^-1/2 K M^-1/2 [1/s^2]."""
+        return self._matrix(lambda term: term.stiffness)
+
+    @cached_property
+    def damping(self) -> Any:
+        """M^-1/2 Z M^-1/2 [1/s]."""
+        return self._matrix(lambda term: term.viscosity, drag=True)
+
+    def _matrix(self, weight: Callable[[LinkTerm], NDArray[np.float64] | float], drag: bool = False) -> Any:
+        laplacian = _Laplacian(self._lattice.size)
+        for effect in self._effects:
+            for term in effect.link_terms(self._lattice):
+                laplacian.add(term.family.offset, weight(term) * np.ones(len(term.stiffness)))
+            own = effect.drag(self._lattice) if drag else None
+            if own is not None:
+                laplacian.diagonal += own
+        scale = scipy.sparse.diags_array(1.0 / np.sqrt(self.masses))
+        return scale @ laplacian.matrix(~self._lattice.fixed) @ scale
 
     def largest_step(self, quadratic: float, linear: float, bound: float) -> float:
         """See `Spectrum`. Newton's iteration on h from above: with the top vector u of the last matrix, solve for h in
@@ -61,10 +82,31 @@ class SceneSpectrum:
             vector = self._top_vector(quadratic * step**2 * self.stiffness + linear * step * self.damping, vector)
             a = quadratic * float(vector @ (self.stiffness @ vector))
             b = linear * float(vector @ (self.damping @ vector))
+            if a == b == 0.0:
+                return math.inf
             last, step = step, 2.0 * bound / (b + math.sqrt(b * b + 4.0 * a * bound))
             if abs(step - last) <= 1e-9 * step:
                 break
         return step
+
+    def damped_step(self) -> float:
+        """See `Spectrum`. The inverse of the top eigenvalue of K u = e Z u; 0 where a mode is elastic but not damped."""
+        if not self.stiffness.nnz:
+            return math.inf
+        damping = self._matrix(lambda term: term.viscosity if term.isotropic else 0.0, drag=True)
+        size = self.stiffness.shape[0]
+        fastest = self.largest_step(1.0, 0.0, 1.0)
+        # far below any useful step, and keeps Z invertible where a mode has neither stiffness nor damping
+        floor = 1e-7 * fastest * self.stiffness + 1e-7 / fastest * scipy.sparse.eye_array(size)
+        shifted = scipy.sparse.csc_array(damping + floor)
+        if size <= _DENSE:
+            top = scipy.linalg.eigh(self.stiffness.toarray(), shifted.toarray(), eigvals_only=True)[-1]
+        else:
+            top = scipy.sparse.linalg.eigsh(
+                self.stiffness, k=1, M=shifted, which="LA", v0=self._start, tol=1e-6, return_eigenvectors=False
+            )[0]
+        step = 1.0 / float(top)
+        return step if step > 1e-4 * fastest else 0.0
 
     def _top_vector(self, matrix: Any, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
         size = matrix.shape[0]
@@ -104,9 +146,12 @@ class _Laplacian:
 
 @lru_cache(maxsize=256)
 def _limit(lattice: Lattice, effects: tuple[Effect, ...], integrator: Integrator) -> float:
-    if lattice.fixed.all():
-        return math.inf
-    return integrator.limit(SceneSpectrum(lattice, effects))
+    return math.inf if lattice.fixed.all() else integrator.limit(SceneSpectrum(lattice, effects))
+
+
+@lru_cache(maxsize=256)
+def _useful(lattice: Lattice, effects: tuple[Effect, ...], integrator: Integrator) -> float:
+    return math.inf if lattice.fixed.all() else integrator.useful(SceneSpectrum(lattice, effects))
 
 
 def max_timestep(scene: Scene) -> float:
@@ -125,12 +170,18 @@ def timestep_of(scene: Scene) -> float:
     ValueError
         If it is above the limit and the scene does not allow that.
     """
-    limit = max_timestep(scene)
+    name, limit = type(scene.integrator).__name__, max_timestep(scene)
+    if limit == 0.0 and (isinstance(scene.timestep, str) or not scene.allow_unstable):
+        raise ValueError(
+            f"integrator {name} is unstable at every timestep on this scene: some motion is elastic but not damped; take another "
+            "one, damp all links isotropically, or set a timestep and allow_unstable=True"
+        )
     if isinstance(scene.timestep, str):
-        return AUTO * limit if math.isfinite(limit) else UNLIMITED
+        useful = _useful(scene.lattice, scene.effects, scene.integrator)
+        return AUTO * useful if math.isfinite(useful) else UNLIMITED
     if scene.timestep > limit and not scene.allow_unstable:
         raise ValueError(
-            f"timestep must not exceed the scene's limit of {limit:.6g} s for {type(scene.integrator).__name__}, got "
+            f"timestep must not exceed the scene's limit of {limit:.6g} s for {name}, got "
             f"{scene.timestep:.6g} s; take a smaller one or 'auto', soften or damp the links less, or set allow_unstable=True"
         )
     return scene.timestep

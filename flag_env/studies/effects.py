@@ -17,7 +17,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from flag_env.physics import Scene, Simulator, effects, presets
+from flag_env.physics import Scene, Simulator, presets
 from flag_env.studies import report
 from flag_env.studies.timing import fastest
 
@@ -42,9 +42,7 @@ def scenes() -> dict[str, Scene]:
         "flag, float32": flag.replace(dtype="float32"),
         "two_layer_flag": presets.two_layer_flag(),
         "report_flag": presets.report_flag(),
-        "flag in a storm": flag.without(effects.CosineWind).adding(
-            effects.AirPressure(), effects.Gusts(mean=(6.0, 0.0, 0.0)), effects.SelfCollision(), effects.MastCollision()
-        ),
+        "storm": presets.storm_flag(),
     }
 
 

@@ -1,4 +1,4 @@
-"""From which wind on a flag flutters, how fast and how far: growth rate, amplitude, frequency and Strouhal number over wind speed.
+"""The wind from which a flag flutters, how fast and how far: growth rate, amplitude, frequency and Strouhal number over speed.
 
 A flag of constant thickness without weight lies flat in a wind along it, an exact equilibrium; so the growth rate of a small
 deflection is defined, and known from linear theory. With w(x, t) the deflection, mu the areal density and q = rho / 2,
@@ -12,6 +12,7 @@ and the viscosity take some. Where gain and loss are even lies the onset.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def theory(scene: Scene, speed: float, points: int = 240) -> complex:
     """Growth rate (real) and angular frequency (imaginary) of the fastest growing deflection [1/s]."""
     lattice, found = scene.lattice, {type(effect): effect for effect in scene.effects}
     air, drag = found[effects.AirPressure], found[effects.AirDrag]
-    along, up, _ = lattice.steps
+    along = lattice.steps[0]
     length, dx = lattice.extent[0], lattice.extent[0] / points
     mu = lattice.mass * lattice.size / (lattice.extent[0] * lattice.extent[1])
     # squares of how far the links of a row reach along x, counted per row: neighbours 1, two diagonals, second neighbours 4
@@ -86,7 +87,7 @@ def deflections(
         sim.step(steps)
         y = sim.positions[:, 0, :, :, 1]
         tip[i], rms[i] = y[:, :, -1].mean(axis=1), np.sqrt((y**2).mean(axis=(1, 2)))
-    return steps * sim.timestep * np.arange(1, count + 1), tip, rms
+    return np.asarray(steps * sim.timestep * np.arange(1, count + 1), np.float64), tip, rms
 
 
 def growth(time: NDArray[np.float64], rms: NDArray[np.float64]) -> float:
@@ -98,7 +99,10 @@ def growth(time: NDArray[np.float64], rms: NDArray[np.float64]) -> float:
 
 
 def measure(scene: Scene, speeds: tuple[float, ...], seconds: float) -> list[dict[str, Any]]:
-    """Growth from a small deflection and flutter from a large one, a row for each wind."""
+    """Growth from a small deflection and flutter from a large one, a row for each wind.
+
+    Below the onset the tip's amplitude is what is left of the large deflection.
+    """
     time, _, rms = deflections(scene, speeds, seconds, SMALL)
     rates = [growth(time, rms[:, k]) for k in range(len(speeds))]
     time, tip, _ = deflections(scene, speeds, seconds, LARGE)
@@ -128,12 +132,13 @@ def spectrum(time: NDArray[np.float64], tip: NDArray[np.float64]) -> tuple[NDArr
     """Frequencies [Hz] and power of the second half of the tip's deflection, Hann window."""
     late = tip[len(tip) // 2 :]
     late = (late - late.mean()) * np.hanning(len(late))
-    return np.fft.rfftfreq(len(late), float(time[1] - time[0])), np.abs(np.fft.rfft(late)) ** 2
+    frequency = np.asarray(np.fft.rfftfreq(len(late), float(time[1] - time[0])), np.float64)
+    return frequency, np.asarray(np.abs(np.fft.rfft(late)) ** 2, np.float64)
 
 
 def onset(rows: list[dict[str, Any]], column: str = "growth rate (1/s)") -> float:
     """Wind speed at which the growth rate passes zero [m/s], linear between two speeds; NaN if it never does."""
-    for low, high in zip(rows, rows[1:], strict=False):
+    for low, high in pairwise(rows):
         a, b = low[column], high[column]
         if a <= 0 < b:
             return float(low["wind speed (m/s)"] - a * (high["wind speed (m/s)"] - low["wind speed (m/s)"]) / (b - a))
@@ -174,6 +179,7 @@ def _figure(rows: list[dict[str, Any]]) -> Figure:
     rate.set_ylabel("growth rate (1/s)")
     lines = [*right.get_lines(), *rate.get_lines()[:2]]
     right.legend(lines, [str(line.get_label()) for line in lines], frameon=False, loc="upper left")
+    left.spines["right"].set_visible(False)
     for axes in (left, right, rate):
         axes.spines["top"].set_visible(False)
     return figure

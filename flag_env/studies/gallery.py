@@ -33,13 +33,14 @@ def shots() -> dict[str, Shot]:
     """Every scene by its name; winds as `Simulator.set_wind` takes them."""
     flag = presets.flag()
     mean_mass = float(flag.lattice.masses.mean())
-    breeze = (12 * mean_mass, 5 * mean_mass, 2 * mean_mass)
-    plane = (14 * mean_mass, 0.0, 4 * mean_mass)
-    half = (6 * mean_mass, 2.5 * mean_mass, 1 * mean_mass)
+    breeze = (5 * mean_mass, 6 * mean_mass, 0.0)
+    plane = (9 * mean_mass, 0.0, 0.0)
+    half = (2 * mean_mass, 4 * mean_mass, 0.0)
     return {
         "rope": Shot(presets.rope(24), pace=0.05, still=0.6),
         "sheet": Shot(presets.sheet(), plane),
         "flag": Shot(flag, breeze),
+        "storm_flag": Shot(presets.storm_flag(dtype="float32"), still=3.0),
         "two_layer_flag": Shot(presets.two_layer_flag(), half),
         "report_flag(layers=1)": Shot(presets.report_flag(), (4800.0, 1150.0, 5700.0), pace=0.1),
         "report_flag(layers=2)": Shot(presets.report_flag(2), (4800.0, 1150.0, 5700.0), pace=0.1),
@@ -82,10 +83,11 @@ def run(output: Path, quick: bool) -> None:
         stills[name] = frames[min(round(shot.still * FPS), len(frames) - 1)]
         if not quick:
             write_video(frames, output / f"{name}.gif", FPS)
-    figure = Figure(figsize=(9, 6.3), layout="constrained")
-    for axes, (name, still) in zip(figure.subplots(2, 3).ravel(), stills.items(), strict=True):
+    figure = Figure(figsize=(12, 6.3), layout="constrained")
+    for axes, (name, still) in zip(figure.subplots(2, 4).ravel(), stills.items(), strict=False):
         axes.imshow(still)
         axes.set_title(name, fontsize=11, family="monospace")
+    for axes in figure.axes:
         axes.set_axis_off()
     figure.savefig(output / "gallery.png", dpi=100)
     print(f"written: {output / 'gallery.png'}")

@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 
 from flag_env.physics import Lattice, Scene, Simulator, compose
-from flag_env.physics.effects import AirDrag, Bending, CosineWind, CrossLayer, Gravity, LinkEffect, Shear, Structural
+from flag_env.physics.effects import (
+    AirDrag,
+    AirPressure,
+    Bending,
+    CosineWind,
+    CrossLayer,
+    Gravity,
+    Gusts,
+    LinkEffect,
+    Shear,
+    Structural,
+)
 from flag_env.physics.effects.base import Setting
 from flag_env.physics.jit import jit
 
@@ -19,10 +30,13 @@ EFFECTS = [  # a new effect joins with one line
     *(kind(200.0, 0.3, "axial") for kind in (Structural, Shear, Bending, CrossLayer)),
     AirDrag(2.0),
     CosineWind((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), (0.5, -0.5, 0.1), (0.1, 0.2, 0.3)),
+    Gusts(1.0, 2.0, 5.0, (3.0, 1.0, -0.5), 2.0),
+    AirPressure(normal=1.2, lift=0.4, friction=0.1, max_speed=60.0),
+    AirPressure(gusts=Gusts(0.0), max_speed=60.0),
 ]
 LATTICE = Lattice(2, 3, 4, (0.1, 0.12, 0.15), 0.02, 0.3, "none")
 LAG = 0.25
-STRENGTHS = {"stiffness", "viscosity", "acceleration", "rate", "amplitude", "mean"}
+STRENGTHS = {"stiffness", "viscosity", "acceleration", "rate", "amplitude", "mean", "density"}
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: f"{effect!r}".replace(" ", ""))
 
@@ -136,7 +150,7 @@ def test_internal_forces_sum_to_nothing(effect):
 def test_force_is_minus_the_slope_of_the_energy(effect):
     x, v = pose()
     if effect.energy(LATTICE, x[None]) is None:
-        assert isinstance(effect, (AirDrag, CosineWind))  # not conservative
+        assert isinstance(effect, (AirDrag, AirPressure, CosineWind, Gusts))  # not conservative
         return
     h, slope = 1e-6, np.empty_like(x)
     for index in np.ndindex(x.shape):
@@ -189,14 +203,14 @@ def test_copies_are_independent(effect):
     scene = Scene(LATTICE, (effect,))
     sims = Simulator(scene, copies=2), Simulator(scene)
     x, v = (a.reshape(*LATTICE.shape, 3) for a in pose())
-    sims[0].set_positions(np.stack([1.5 * x, x]))
-    sims[0].set_velocities(np.stack([-v, v]))
+    sims[0].set_positions(np.stack([x, 1.5 * x]))
+    sims[0].set_velocities(np.stack([v, -v]))
     sims[1].set_positions(x)
     sims[1].set_velocities(v)
     for sim in sims:
         sim.step(50)
-    np.testing.assert_array_equal(sims[0].positions[1], sims[1].positions[0])
-    np.testing.assert_array_equal(sims[0].velocities[1], sims[1].velocities[0])
+    np.testing.assert_array_equal(sims[0].positions[0], sims[1].positions[0])
+    np.testing.assert_array_equal(sims[0].velocities[0], sims[1].velocities[0])
     assert not np.array_equal(sims[0].positions[0], sims[0].positions[1])
 
 

@@ -1,24 +1,36 @@
 """The catalogue of effects: one file each."""
 
 from flag_env.physics.effects.air_drag import AirDrag
+from flag_env.physics.effects.air_pressure import AirPressure
 from flag_env.physics.effects.base import Effect, Wind
 from flag_env.physics.effects.bending import Bending
 from flag_env.physics.effects.cosine_wind import CosineWind
 from flag_env.physics.effects.cross_layer import CrossLayer
 from flag_env.physics.effects.gravity import Gravity
+from flag_env.physics.effects.gusts import Gusts
+from flag_env.physics.effects.mast_collision import MastCollision
+from flag_env.physics.effects.self_collision import SelfCollision
 from flag_env.physics.effects.shear import Shear
 from flag_env.physics.effects.springs import LinkEffect
+from flag_env.physics.effects.strain_limit import StrainLimit
 from flag_env.physics.effects.structural import Structural
+from flag_env.physics.effects.tearing import Tearing
 
 __all__ = [
     "AirDrag",
+    "AirPressure",
     "Bending",
     "CosineWind",
     "CrossLayer",
     "Effect",
     "Gravity",
+    "Gusts",
     "LinkEffect",
+    "MastCollision",
+    "SelfCollision",
     "Shear",
+    "StrainLimit",
     "Structural",
+    "Tearing",
     "Wind",
 ]

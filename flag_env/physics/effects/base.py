@@ -49,11 +49,14 @@ class LinkTerm(NamedTuple):
         Upper bound of each link's stiffness in any pose [N/m].
     viscosity : (particles - offset,)
         Upper bound of each link's damping [N s/m].
+    isotropic
+        Whether the damping acts along every direction in every pose, not only at most.
     """
 
     family: Family
     stiffness: NDArray[np.float64]
     viscosity: NDArray[np.float64]
+    isotropic: bool = False
 
 
 @dataclass(frozen=True)

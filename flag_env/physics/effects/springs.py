@@ -98,19 +98,29 @@ class LinkEffect(Effect):
 
     def link_terms(self, lattice: Lattice) -> tuple[LinkTerm, ...]:
         """Since 1 - l/d <= 1, no pose makes a spring stiffer than k, and an axial damper never exceeds an isotropic one."""
-        return tuple(
-            LinkTerm(family, self.stiffness * family.weight(self.tapered), self.viscosity * family.weight(self.tapered))
-            for family in self.families(lattice)
-        )
+        everywhere = self.damping == "isotropic" or lattice.dimensions == 1
+        weights = ((family, family.weight(self.tapered)) for family in self.families(lattice))
+        return tuple(LinkTerm(family, self.stiffness * weight, self.viscosity * weight, everywhere) for family, weight in weights)
 
-    def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Sum of w k (d - l)^2 / 2, or on a rope of w k (z2 - z1)^2 / 2 [J], shape (copies,)."""
+    def energy(
+        self, lattice: Lattice, positions: NDArray[np.float64], intact: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float64]:
+        """Sum of w k (d - l)^2 / 2, or on a rope of w k (z2 - z1)^2 / 2 [J], shape (copies,).
+
+        Parameters
+        ----------
+        lattice, positions
+            See `Effect.energy`.
+        intact : (1 or copies, families, particles)
+            Which links hold, by their first particle; None: all.
+        """
         total = np.zeros(len(positions))
-        for family in self.families(lattice):
+        for j, family in enumerate(self.families(lattice)):
             difference = positions[:, family.offset :] - positions[:, : positions.shape[1] - family.offset]
             length = np.linalg.norm(difference, axis=-1)
             stretch = difference[..., 2] if lattice.dimensions == 1 else length - family.length
-            total += 0.5 * self.stiffness * (family.weight(self.tapered) * stretch**2).sum(axis=-1)
+            weight = family.weight(self.tapered) * (True if intact is None else intact[:, j, : length.shape[1]])
+            total += 0.5 * self.stiffness * (weight * stretch**2).sum(axis=-1)
         return total
 
     def scaled(self, stiffness: float, viscosity: float) -> LinkEffect:

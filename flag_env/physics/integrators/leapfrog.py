@@ -2,11 +2,13 @@
 
     w_{n+1} = w_n + h F(x_n, w_n, t_n) / m ;   x_{n+1} = x_n + h w_{n+1}
 
-Order 1 as started here (w_0 = v_0), with one force evaluation a step. The w are the velocities half a step before the positions;
-`velocity` moves them to the same instant, v_n = w_n + h F(x_n, w_n, t_n) / (2 m), so that energies are right to O(h^2).
+One force evaluation a step. The w are the velocities half a step before the positions; `velocity` moves them to the same instant,
+v_n = w_n + h F(x_n, w_n, t_n) / (2 m), so that energies are right to O(h^2). Order 1 as the report starts it, w_0 = v_0; started
+with half a kick back, w_0 = v_0 - h F(x_0, v_0, 0) / (2 m), it is the Stoermer-Verlet scheme, of order 2 without damping and
+reversible. Damping is felt half a step late, which keeps the order at 1 in either case.
 
 Step limit: stable iff the top eigenvalue of M^-1 (h^2 K + 2 h Z) stays below 4, from the characteristic polynomial
-L^2 - (2 - K - Z) L + (1 - Z) = 0. Parameters: none. Source: Hairer, Lubich, Wanner, Geometric Numerical Integration, I.1.
+L^2 - (2 - K - Z) L + (1 - Z) = 0. Parameters: start. Source: Hairer, Lubich, Wanner, Geometric Numerical Integration, I.1.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from flag_env.physics import validate
 from flag_env.physics.compose import forces
 from flag_env.physics.integrators.base import Integrator, Spectrum
 from flag_env.physics.jit import jit, kernel
@@ -34,6 +37,12 @@ def _half_kick(f, v, inverse_mass, half, n):
         f[t] = v[t] + half * inverse_mass[t] * f[t]
 
 
+@kernel
+def _half_kick_back(f, v, inverse_mass, half, n):
+    for t in range(n):
+        v[t] -= half * inverse_mass[t] * f[t]
+
+
 class BoundLeapfrog(NamedTuple):
     """Timestep and half of it in the scene's dtype, and in float64 for the effects' own state [s]."""
 
@@ -42,8 +51,13 @@ class BoundLeapfrog(NamedTuple):
     seconds: float
 
     @staticmethod
+    def rows() -> tuple[int, int]:
+        """Rows of memory and of work."""
+        return 0, 0
+
+    @staticmethod
     @jit
-    def step(method, effects, copy, x, v, f, scratch, inverse_mass):
+    def step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
         """Kick, then drift."""
         forces(effects, copy, x, v, f, scratch, 0.0)
         for d in range(x.shape[0]):
@@ -51,23 +65,49 @@ class BoundLeapfrog(NamedTuple):
 
     @staticmethod
     @jit
-    def velocity(method, effects, copy, x, v, f, scratch, inverse_mass):
+    def velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
         """Half a kick from the velocities half a step before."""
         forces(effects, copy, x, v, f, scratch, 0.0)
         for d in range(x.shape[0]):
             _half_kick(f[d], v[d], inverse_mass, method.half, x.shape[1])
 
 
+class BoundVerlet(BoundLeapfrog):
+    """The same, started with half a kick."""
+
+    @staticmethod
+    @jit
+    def start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+        """Take the velocities half a step back."""
+        forces(effects, copy, x, v, f, scratch, 0.0)
+        for d in range(x.shape[0]):
+            _half_kick_back(f[d], v[d], inverse_mass, method.half, x.shape[1])
+
+
 @dataclass(frozen=True)
 class Leapfrog(Integrator):
-    """The report's scheme: one force evaluation a step, order 1 as started, symplectic without damping."""
+    """The report's scheme: one force evaluation a step, order 1, symplectic without damping.
+
+    Parameters
+    ----------
+    start
+        "report": the velocities set serve as those half a step before; "half_kick": they are moved there first, which makes the
+        scheme reversible and of order 2 without damping.
+    """
 
     order: ClassVar[int] = 1
+
+    start: str = "report"
+
+    def __post_init__(self) -> None:
+        validate.choice("start", self.start, ("report", "half_kick"))
 
     def limit(self, spectrum: Spectrum) -> float:
         """Root of the top eigenvalue of M^-1 (h^2 K + 2 h Z) at 4 [s]."""
         return spectrum.largest_step(1.0, 2.0, 4.0)
 
-    def bind(self, dtype: np.dtype[Any], timestep: float) -> BoundLeapfrog:
+    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundLeapfrog:
         """Typed timesteps."""
-        return BoundLeapfrog(dtype.type(timestep), dtype.type(0.5 * timestep), float(timestep))
+        del spectrum
+        bound = BoundLeapfrog(dtype.type(timestep), dtype.type(0.5 * timestep), float(timestep))
+        return bound if self.start == "report" else BoundVerlet(*bound)

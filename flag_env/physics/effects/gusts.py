@@ -1,0 +1,342 @@
+"""Gusts: a mean wind with Dryden or Ornstein-Uhlenbeck turbulence on top, carried along the flag.
+
+    F_i = c m [U_i + a_i cos(p_i + f_i t) + g_i(t - s / V)],   i = x (longitudinal), y (lateral), z (vertical)
+
+c rate [1/s]; m the particle's mass [kg]; U mean and a amplitude of the air's velocity [m/s], f frequency [rad/s], p phase [rad],
+as in `CosineWind`; s the particle's distance from the mast along the cloth at rest [m]; V speed [m/s]. Together with `AirDrag(c)`
+the force is exactly c m (air - v). The turbulence is frozen while it passes (Taylor 1938): column s sees what the mast saw s / V
+ago.
+
+g has the intensity (standard deviation) sigma [m/s] and the length scale L [m], with T = L / V and autocorrelation
+
+    "ou", and "dryden" along x:   sigma^2 exp(-t/T)                filter  sigma sqrt(2T) / (1 + T s)
+    "dryden" along y and z:       sigma^2 (1 - t/(2T)) exp(-t/T)   filter  sigma sqrt(T) (1 + sqrt(3) T s) / (1 + T s)^2
+
+driven by white noise of unit intensity. The filters' states x1' = -x1/T + noise, x2' = (x1 - x2)/T take exact steps: transition
+exp(A h) and covariance of the noise from one matrix exponential (Van Loan 1978); the statistics do not depend on the timestep h.
+Between two steps g is linear. Noise: splitmix64 (Steele, Lea, Flood 2014) and Box-Muller, one stream for each copy.
+
+Source: MIL-F-8785C (1980), 3.7.1.2 spectra, 3.7.3.2 mean wind and 3.7.3.4 scales and intensities at low altitude.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from flag_env.physics import validate
+from flag_env.physics.effects.base import Setting, Wind
+from flag_env.physics.jit import jit, kernel
+from flag_env.physics.lattice import Lattice
+
+FOOT = 0.3048
+"""[m]."""
+
+_STREAM = 0x67757374
+"""Keeps the gusts' stream apart from the one that a copy's start is drawn from."""
+
+_GOLDEN, _MIX_1, _MIX_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_S11, _S27, _S30, _S31 = np.uint64(11), np.uint64(27), np.uint64(30), np.uint64(31)
+_ULP = 2.0**-53
+
+_STATIONARY = np.linalg.cholesky(np.array([[0.5, 0.25], [0.25, 0.25]]))
+"""Root of the covariance of (x1, x2) in units of sqrt(T)."""
+
+
+@jit
+def _uniform(generator, copy):
+    """Next number of a copy's stream, 0 <= number < 1 (splitmix64)."""
+    z = generator[copy, 0] + _GOLDEN
+    generator[copy, 0] = z
+    z = (z ^ (z >> _S30)) * _MIX_1
+    z = (z ^ (z >> _S27)) * _MIX_2
+    return np.float64((z ^ (z >> _S31)) >> _S11) * _ULP
+
+
+@jit
+def advance_turbulence(bound, copy):
+    """Draw the turbulence of the next step and move the ring's head on to it."""
+    head = (bound.head[copy, 0] + 1) % bound.history.shape[2]
+    for i in range(3):
+        radius = math.sqrt(-2.0 * math.log(1.0 - _uniform(bound.generator, copy)))
+        angle = 2.0 * math.pi * _uniform(bound.generator, copy)
+        e1, e2 = radius * math.cos(angle), radius * math.sin(angle)
+        c, level = bound.filter[copy, i], bound.level[copy, i]
+        level[1] = c[1] * level[0] + c[2] * level[1] + c[4] * e1 + c[5] * e2
+        level[0] = c[0] * level[0] + c[3] * e1
+        bound.history[copy, i, head] = c[6] * level[0] + c[7] * level[1]
+    bound.head[copy, 0] = head
+
+
+@jit
+def uniform_air(bound, copy, i, lag):
+    """Mean and swinging part of the air's velocity along axis i [m/s]."""
+    angle = bound.phase[copy, i] + bound.frequency[copy, i] * lag
+    return bound.mean[copy, i] + bound.amplitude[copy, i] * math.cos(angle)
+
+
+@jit
+def advance_phase(bound, copy, seconds):
+    """Move the phase on."""
+    for i in range(bound.phase.shape[1]):
+        bound.phase[copy, i] += bound.frequency[copy, i] * seconds
+
+
+@jit
+def air_of_columns(bound, copy, i, lag, out):
+    """Write the air's velocity along axis i at every column [m/s] to the start of `out`."""
+    share = min(max(lag * bound.per_second, 0.0), 1.0)
+    air = uniform_air(bound, copy, i, lag)
+    _interpolate(bound.history[copy, i], bound.head[copy, 0], bound.delay, share, air, out, len(bound.delay))
+
+
+@kernel
+def _interpolate(history, head, delay, share, air, out, n):
+    length = history.shape[0]
+    for c in range(n):
+        age = 1.0 - share + delay[c]  # in steps; the head is the end of this step
+        whole = int(age)
+        part = age - whole
+        newer = head - whole
+        if newer < 0:
+            newer += length
+        older = newer - 1
+        if older < 0:
+            older += length
+        out[c] = air + (1.0 - part) * history[newer] + part * history[older]
+
+
+@kernel
+def _push(f, rate, air, n):
+    for t in range(n):
+        f[t] += rate[t] * air[t]
+
+
+class BoundGusts(NamedTuple):
+    """A Wind's rows and turbulence.
+
+    Attributes
+    ----------
+    axes
+        Of the scene's coordinates.
+    push : (particles,)
+        Rate times mass [kg/s].
+    mean, amplitude, frequency, phase : (copies, 3)
+        [m/s], [m/s], [rad/s], [rad].
+    delay : (cols,)
+        How much later than the mast a column sees a gust [steps].
+    per_second
+        Steps in a second.
+    filter : (copies, 3, 8)
+        Transition p11, p21, p22, noise n11, n21, n22 and output o1, o2 of each axis.
+    level : (copies, 3, 2)
+        The filters' states.
+    history : (copies, 3, length)
+        Ring of the turbulence at the mast [m/s].
+    head : (copies, 1)
+        Where in the ring the end of the present step is.
+    generator : (copies, 1)
+        State of each copy's stream.
+    """
+
+    axes: NDArray[np.int64]
+    push: NDArray[Any]
+    mean: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    frequency: NDArray[np.float64]
+    phase: NDArray[np.float64]
+    delay: NDArray[Any]
+    per_second: Any
+    filter: NDArray[np.float64]
+    level: NDArray[np.float64]
+    history: NDArray[np.float64]
+    head: NDArray[np.int64]
+    generator: NDArray[np.uint64]
+
+    @staticmethod
+    def state() -> tuple[str, ...]:
+        """Fields that a run changes or that a copy may have its own of."""
+        return "mean", "amplitude", "frequency", "phase", "filter", "level", "history", "head", "generator"
+
+    @staticmethod
+    @jit
+    def force(bound, copy, x, v, f, scratch, lag):
+        """Add rate times mass times the air's velocity, column by column."""
+        cols = len(bound.delay)
+        for d in range(f.shape[0]):
+            air_of_columns(bound, copy, bound.axes[d], lag, scratch[0])
+            for first in range(0, f.shape[1], cols):
+                _push(f[d, first:], bound.push[first:], scratch[0], cols)
+
+    @staticmethod
+    @jit
+    def advance(bound, copy, seconds):
+        """Move the phase on and draw the next step's turbulence."""
+        advance_phase(bound, copy, seconds)
+        advance_turbulence(bound, copy)
+
+
+class Turbulence(NamedTuple):
+    """The part of `BoundGusts` that is turbulence, in its order."""
+
+    delay: NDArray[Any]
+    per_second: Any
+    filter: NDArray[np.float64]
+    level: NDArray[np.float64]
+    history: NDArray[np.float64]
+    head: NDArray[np.int64]
+    generator: NDArray[np.uint64]
+
+
+@dataclass(frozen=True)
+class Gusts(Wind):
+    """A turbulent wind that pushes every particle in proportion to its mass.
+
+    Parameters
+    ----------
+    intensity
+        Standard deviation of the turbulence, one number or (x, y, z) [m/s], >= 0.
+    scale
+        Its length scale, one number or (x, y, z) [m], > 0.
+    speed
+        Speed at which the turbulence passes the mast and goes along the flag [m/s], > 0; that of the mean wind, as a rule. It
+        stays the same when a run changes the mean.
+    mean
+        Mean velocity of the air (x, y, z) [m/s].
+    rate
+        Velocity that still air would take from a particle, per second [1/s], >= 0: give `AirDrag` the same.
+    spectrum
+        "dryden", or "ou": Ornstein-Uhlenbeck along all axes.
+    amplitude, frequency, phase
+        Of a swinging part, as in `CosineWind`: (x, y, z) [m/s], [rad/s], [rad].
+    """
+
+    unit: ClassVar[str] = "m/s"
+
+    intensity: float | tuple[float, ...] = 1.0
+    scale: float | tuple[float, ...] = 5.0
+    speed: float = 6.0
+    mean: tuple[float, ...] = (6.0, 0.0, 0.0)
+    rate: float = 1.5
+    spectrum: str = "dryden"
+    amplitude: tuple[float, ...] = (0.0, 0.0, 0.0)
+    frequency: tuple[float, ...] = (0.0, 0.0, 0.0)
+    phase: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("intensity", "scale"):
+            value = getattr(self, name)
+            triple = validate.vector(name, (value,) * 3 if np.ndim(value) == 0 else value)
+            if min(triple) < 0 or (name == "scale" and min(triple) == 0):
+                raise ValueError(f"{name} must be {'> 0' if name == 'scale' else '>= 0'} along every axis, got {value!r}")
+            object.__setattr__(self, name, triple)
+        for name in ("mean", "amplitude", "frequency", "phase"):
+            object.__setattr__(self, name, validate.vector(name, getattr(self, name)))
+        object.__setattr__(self, "speed", validate.number("speed", self.speed, above=0.0))
+        object.__setattr__(self, "rate", validate.number("rate", self.rate, minimum=0.0))
+        validate.choice("spectrum", self.spectrum, ("dryden", "ou"))
+
+    @classmethod
+    def low_altitude(cls, height: float, wind: float, rate: float = 1.5) -> Gusts:
+        """Dryden turbulence of MIL-F-8785C near the ground, in a mean wind along x.
+
+        With h in feet: intensity of the vertical axis 0.1 W, of the others that / (0.177 + 0.000823 h)^0.4; scale h and
+        h / (0.177 + 0.000823 h)^1.2; mean wind W ln(h / 0.15) / ln(20 / 0.15).
+
+        Parameters
+        ----------
+        height
+            Above the ground h [m]; 10 ft to 1000 ft, 3.048 m to 304.8 m.
+        wind
+            Mean wind at 20 ft W [m/s], > 0.
+        rate
+            As for `Gusts`.
+        """
+        feet = validate.number("height", height, minimum=10 * FOOT, maximum=1000 * FOOT) / FOOT
+        wind = validate.number("wind", wind, above=0.0)
+        ratio = 0.177 + 0.000823 * feet
+        vertical, level = 0.1 * wind, 0.1 * wind / ratio**0.4
+        long, tall = feet / ratio**1.2 * FOOT, feet * FOOT
+        speed = wind * math.log(feet / 0.15) / math.log(20 / 0.15)
+        return cls((level, level, vertical), (long, long, tall), speed, (speed, 0.0, 0.0), rate)
+
+    def check(self, lattice: Lattice) -> None:
+        """A rope in one dimension has no coordinate along the wind."""
+        if lattice.dimensions == 1:
+            raise ValueError(f"{type(self).__name__} needs a lattice of dimensions 2 or 3, got 1")
+
+    def turbulence(self, setting: Setting) -> Turbulence:
+        """The turbulence of every copy as if it had blown for ever: filters, their states and the mast's past."""
+        lattice, h = setting.lattice, setting.timestep
+        delay = np.arange(lattice.cols) * lattice.steps[0] / (self.speed * h)
+        coefficients = np.stack(
+            [
+                filter_coefficients(h * self.speed / length, self.spectrum == "dryden" and axis > 0, sigma)
+                for axis, (sigma, length) in enumerate(zip(self.intensity, self.scale, strict=True))  # type: ignore[arg-type]
+            ]
+        )
+        length = math.ceil(delay[-1]) + 3
+        level, history = np.empty((setting.copies, 3, 2)), np.empty((setting.copies, 3, length))
+        generator = np.empty((setting.copies, 1), np.uint64)
+        for copy in range(setting.copies):
+            random = np.random.default_rng((setting.seed, copy, _STREAM))
+            generator[copy] = random.integers(2**64, dtype=np.uint64)
+            for axis in range(3):
+                past = _past(coefficients[axis], random.standard_normal((2, length)))
+                level[copy, axis] = past[:, -1]
+                history[copy, axis] = coefficients[axis, 6:] @ past
+        number = setting.dtype.type
+        rows = np.tile(coefficients, (setting.copies, 1, 1))
+        head = np.full((setting.copies, 1), length - 1, np.int64)
+        return Turbulence(delay.astype(setting.dtype), number(1.0 / h), rows, level, history, head, generator)
+
+    def bind(self, setting: Setting) -> BoundGusts:
+        """Air and turbulence in float64, forces in the scene's dtype."""
+        push = (self.rate * setting.lattice.masses).astype(setting.dtype)
+        values = (self.mean, self.amplitude, self.frequency, self.phase)
+        mean, amplitude, frequency, phase = (np.tile(np.array(value), (setting.copies, 1)) for value in values)
+        axes = np.array(setting.lattice.axes)
+        return BoundGusts(axes, push, mean, amplitude, frequency, phase, *self.turbulence(setting))
+
+
+def filter_coefficients(step: float, lateral: bool, intensity: float) -> NDArray[np.float64]:
+    """Exact transition, noise and output (p11, p21, p22, n11, n21, n22, o1, o2) of a filter for a step in units of T."""
+    # x2 is scaled by 1/step, the noise by 1/sqrt(step): every entry is of order one, and none is lost however short the step
+    system = np.array([[-step, 0.0], [1.0, -step]])
+    transition = scipy.linalg.expm(system)
+    if step < 1.0:
+        block = scipy.linalg.expm(np.block([[-system, np.diag([1.0, 0.0])], [np.zeros((2, 2)), system.T]]))
+        covariance = transition @ block[:2, 2:]
+    else:  # where the block would overflow nothing cancels
+        kept = _STATIONARY @ _STATIONARY.T / np.outer([1.0, step], [1.0, step]) / step
+        covariance = kept - transition @ kept @ transition.T
+    noise = math.sqrt(step) * np.linalg.cholesky(0.5 * (covariance + covariance.T))
+    output = (math.sqrt(3.0), 1.0 - math.sqrt(3.0)) if lateral else (math.sqrt(2.0), 0.0)
+    return np.array(
+        [transition[0, 0], step * transition[1, 0], transition[1, 1], noise[0, 0], step * noise[1, 0], step * noise[1, 1]]
+        + [intensity * weight for weight in output]
+    )
+
+
+def _past(coefficients: ArrayLike, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stationary states (2, length) of a filter driven by `noise`: two recursions, each a bidiagonal system."""
+    p11, p21, p22, n11, n21, n22, *_ = np.asarray(coefficients)
+    start = _STATIONARY @ noise[:, 0]
+    first, second = n11 * noise[0], n21 * noise[0] + n22 * noise[1]
+    first[0] = start[0]
+    first = _recursion(p11, first)
+    second[0] = start[1]
+    second[1:] += p21 * first[:-1]
+    return np.stack([first, _recursion(p22, second)])
+
+
+def _recursion(factor: float, drive: NDArray[np.float64]) -> NDArray[np.float64]:
+    """y[k] = factor y[k-1] + drive[k]."""
+    bands = np.ones((2, len(drive)))
+    bands[1] = -factor
+    return np.asarray(scipy.linalg.solve_banded((1, 0), bands, drive))

@@ -1,0 +1,485 @@
+"""Checks self-collision against brute force, the conservation laws, and a count of cloth that passes through cloth."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import pdist
+
+from flag_env.physics import Diverged, Lattice, Scene, Simulator, effects, integrators, max_timestep, presets
+from flag_env.physics.effects import SelfCollision, cells
+from flag_env.physics.effects.base import Setting
+from flag_env.physics.effects.blocks import find_pairs_by_blocks
+
+CLOTH = presets.flag(12, 16)
+COLLIDING = CLOTH.adding(SelfCollision())
+BEADS = Lattice(1, 5, 8, 0.1, 0.02, 0.3, "none")  # without springs: particles that only collide
+MEAN_MASS = CLOTH.lattice.masses.mean()
+
+
+# -- crossings ------------------------------------------------------------------------------------------------------------------
+
+
+def faces(shape, falling):
+    """Two triangles for each cell of the cloth, cut along either diagonal."""
+    n = np.arange(np.prod(shape)).reshape(shape)
+    a, b, c, d = n[:, :-1, :-1], n[:, :-1, 1:], n[:, 1:, :-1], n[:, 1:, 1:]
+    halves = [(a, b, c), (b, d, c)] if falling else [(a, b, d), (a, d, c)]
+    return np.concatenate([np.stack(half, axis=-1).reshape(-1, 3) for half in halves])
+
+
+def crossings(positions, falling=False):
+    """Number of (edge, triangle) pairs of one copy's cloth in which the edge pierces the triangle."""
+    x = positions.reshape(-1, 3)
+    triangles = faces(positions.shape[:3], falling)
+    edges = np.unique(np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1), axis=0)
+    centres, middles = x[triangles].mean(axis=1), x[edges].mean(axis=1)
+    radius, half = (
+        np.linalg.norm(x[triangles] - centres[:, None], axis=-1).max(),
+        np.linalg.norm(x[edges[:, 0]] - middles, axis=-1),
+    )
+    near = cKDTree(middles).query_ball_point(centres, radius + half.max())
+    corners = np.repeat(triangles, [len(found) for found in near], axis=0)
+    ends = edges[np.concatenate([np.asarray(found, int) for found in near])]
+    apart = ~(corners[:, :, None] == ends[:, None]).any(axis=(1, 2))
+    (a, b, c), (p, q) = x[corners[apart]].transpose(1, 0, 2), x[ends[apart]].transpose(1, 0, 2)
+
+    def volume(a, b, c, d):
+        return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+
+    sides = np.stack([volume(p, q, a, b), volume(p, q, b, c), volume(p, q, c, a)])
+    pierces = (volume(a, b, c, p) * volume(a, b, c, q) < 0) & ((sides > 0).all(axis=0) | (sides < 0).all(axis=0))
+    return int(pierces.sum())
+
+
+def test_the_counter_counts():
+    x = np.zeros((2, 2, 2, 3))
+    x[0, ..., 0], x[0, ..., 2] = np.indices((2, 2))[::-1]
+    x[1, ..., 1], x[1, ..., 2] = np.indices((2, 2))[::-1]
+    x[1] += (0.4, -0.3, 0.1)  # a square through a square, at right angles
+    assert crossings(x) == crossings(x[::-1]) > 0
+    x[1, ..., 1] += 0.31
+    assert crossings(x) == 0
+
+
+def folded(lattice, gap):
+    """The far half laid back beside the near one, round a bend."""
+    along = lattice.rest_positions[0, 0, :, 0]
+    middle, bend = along[-1] / 2, np.pi * gap / 2
+    angle = np.clip((along - middle) / bend, 0, 1) * np.pi
+    x = lattice.rest_positions.copy()
+    x[..., 0] = np.minimum(along, middle) + gap / 2 * np.sin(angle) - np.maximum(along - middle - bend, 0)
+    x[..., 1] = gap / 2 * (1 - np.cos(angle))
+    return x
+
+
+def drop(sim):
+    lattice = sim.scene.lattice
+    sim.set_positions(folded(lattice, 1.5 * max(lattice.steps)))
+    sim.set_wind(mean=(0.0, -8 * MEAN_MASS, 0.0))
+
+
+def gale(sim):
+    sim.set_wind(amplitude=(30 * MEAN_MASS, 40 * MEAN_MASS, 25 * MEAN_MASS), frequency=(7, 11, 9))
+
+
+def breeze(sim):
+    sim.set_wind(amplitude=(6 * MEAN_MASS, 8 * MEAN_MASS, 5 * MEAN_MASS), frequency=(3, 5, 4), mean=(6 * MEAN_MASS, 0, 0))
+
+
+def exchange(sim):
+    """One of two free layers is turned through the other."""
+    v = np.zeros((*sim.scene.lattice.shape, 3))
+    v[0, ..., 1] = np.linspace(5.0, -1.0, sim.scene.lattice.cols)
+    sim.set_velocities(v)
+
+
+def layered(scene):
+    lattice = dataclasses.replace(scene.lattice, layers=2, pinned="none")
+    return scene.replace(lattice=lattice).without(effects.Gravity)
+
+
+SCENES = {"drop": (drop, CLOTH), "gale": (gale, CLOTH), "breeze": (breeze, CLOTH), "exchange": (exchange, layered(CLOTH))}
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("name", SCENES)
+def test_no_cloth_passes_through_cloth(name, dtype):
+    start, scene = SCENES[name]
+    counts = []
+    for more in ((), (SelfCollision(),)):
+        sim = Simulator(scene.replace(dtype=dtype).adding(*more))
+        start(sim)
+        found = [crossings(sim.positions[0])]
+        for _ in range(60):
+            sim.advance(0.05)
+            found.append(max(crossings(sim.positions[0], falling) for falling in (False, True)))
+        counts.append(found)
+    without, with_collisions = counts
+    assert without[0] == 0
+    assert sum(without) > 20
+    assert sum(with_collisions) == 0
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_two_sheets_do_not_pass_each_other(restitution):
+    sim = Simulator(layered(CLOTH).adding(SelfCollision(restitution=restitution)))
+    v = np.zeros((*sim.scene.lattice.shape, 3))
+    v[0, ..., 1], v[1, ..., 1] = 2.0, -1.0
+    sim.set_velocities(v)
+    for _ in range(40):
+        sim.advance(0.01)
+        y = sim.positions[0, ..., 1]
+        assert (y[1] - y[0]).min() > 0
+    rate = np.average(sim.velocities[0, ..., 1], axis=(1, 2), weights=sim.scene.lattice.masses.reshape(2, 12, 16)[0])
+    slowed = np.exp(-next(e.rate for e in sim.scene.effects if isinstance(e, effects.AirDrag)) * 0.4)  # by the air
+    assert rate[1] - rate[0] == pytest.approx(3.0 * restitution * slowed, abs=0.1)
+
+
+# -- pairs ----------------------------------------------------------------------------------------------------------------------
+
+
+def bound_to(effect, lattice, dtype="float64"):
+    return effect.bind(Setting(lattice, np.dtype(dtype), copies=1, timestep=1e-3, seed=0, bound={}))
+
+
+def listed_pairs(x, bound):
+    """Pairs that the cell lists find in x (particles, 3)."""
+    dtype = bound.rest.dtype
+    x = np.ascontiguousarray(x.T, dtype)
+    scratch = np.empty_like(x)
+    where = bound.start[0], bound.place[0], bound.order[0], bound.column[0]
+    finite = cells.sort_into_cells(*x, bound.per_cell, *where, *scratch, x.shape[1])
+    one, two = bound.pairs[0]
+    count = cells.find_pairs(*scratch, bound.per_cell, *where, bound.code, bound.free, bound.reach, one, two, finite)
+    pairs = np.sort(np.stack([one[:count], two[:count]], axis=1).astype(int), axis=1)
+    assert len(np.unique(pairs, axis=0)) == count  # none twice
+    return {tuple(pair) for pair in pairs}
+
+
+def brute_pairs(x, lattice, reach):
+    """The same from all pairs of x, in its own precision; neighbours are those within a cell's diagonal in one layer."""
+    rest = lattice.rest_positions.reshape(-1, 3)
+    i, j = np.triu_indices(len(x), 1)
+    with np.errstate(invalid="ignore", over="ignore"):
+        d = x[j] - x[i]
+        near = d[:, 0] * d[:, 0] + d[:, 1] * d[:, 1] + d[:, 2] * d[:, 2] < reach * reach
+    linked = (rest[i, 1] == rest[j, 1]) & (pdist(rest) < 1.005 * np.hypot(*lattice.steps[:2]))
+    return set(zip(i[near & ~linked].tolist(), j[near & ~linked].tolist(), strict=True))
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("spacing", [0.1, (0.04, 0.1), (0.1, 0.03, 0.2)])
+@pytest.mark.parametrize("shape", [(1, 12, 16), (2, 5, 9), (1, 1, 40), (1, 2, 2), (3, 7, 1)])
+def test_cells_find_the_pairs_that_brute_force_finds(shape, spacing, dtype):
+    lattice = Lattice(*shape, spacing, pinned="none")
+    bound = bound_to(SelfCollision(), lattice, dtype)
+    random = np.random.default_rng(0)
+    seen = 0
+    for spread in (0.02, 0.1, 0.3, 1.0):
+        for shift in (0.0, -7.3, 1e3):
+            x = (shift + spread * random.standard_normal((lattice.size, 3))).astype(dtype)
+            x[: len(x) // 8] += np.array([1e9, -1e9, 1e5], dtype)  # far outside, most of them in one place
+            x[len(x) // 2] = x[-1]  # coincident
+            found, expected = listed_pairs(x, bound), brute_pairs(x, lattice, bound.reach)
+            if len(expected) < bound.pairs.shape[2]:
+                assert found == expected
+            else:
+                assert found <= expected
+            seen += len(found)
+    assert seen > 0 or lattice.size == 4
+
+
+def test_cells_find_neighbours_across_borders_and_leave_out_what_is_not_finite():
+    lattice = Lattice(1, 8, 8, 0.1, pinned="none")
+    bound = bound_to(SelfCollision(), lattice)
+    grid = np.stack(np.meshgrid(*[np.arange(-2, 2) * float(1 / bound.per_cell)] * 3), axis=-1).reshape(-1, 3)
+    for scale in (1.0, 0.999, np.nextafter(0.999, 0), 0.7, 0.5):
+        assert listed_pairs(scale * grid, bound) == brute_pairs(scale * grid, lattice, bound.reach)
+    grid[[3, 20, 41]] = [[np.nan, 0, 0], [0, np.inf, 0], [-np.inf, np.nan, 1e308]]
+    grid[[5, 6]] = [[1e300, -1e300, 1e300], [1e300, -1e300, 1e300]]
+    assert listed_pairs(0.5 * grid, bound) == brute_pairs(0.5 * grid, lattice, bound.reach)
+
+
+def crumpled(lattice, seed, size):
+    """A smooth random pose in which far parts meet; `size` is about its extent in rest extents."""
+    random = np.random.default_rng(seed)
+    x = lattice.rest_positions.copy()
+    phase = x[..., [0]] * random.uniform(3, 9) + x[..., [2]] * random.uniform(3, 9) + random.uniform(0, 6, 3)
+    return (size * x + 0.05 * np.cos(phase) + 0.004 * random.standard_normal(x.shape)).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("spacing", [0.05, (0.02, 0.05), (0.06, 0.02, 0.1)])
+@pytest.mark.parametrize("shape", [(1, 12, 16), (2, 7, 9), (3, 4, 4), (1, 5, 2), (1, 9, 31)])
+def test_blocks_find_the_pairs_that_brute_force_finds(shape, spacing, dtype):
+    lattice = Lattice(*shape, spacing, pinned="none")
+    bound = bound_to(SelfCollision(), lattice, dtype)
+    suited = 0
+    for seed in range(8):
+        for size in (1.0, 0.6, 0.2):
+            x = crumpled(lattice, seed, size).astype(dtype)
+            pairs = np.zeros_like(bound.pairs[0])
+            where = bound.start[0], bound.place[0], bound.order[0], bound.column[0]
+            rows = np.ascontiguousarray(x.T)
+            count = find_pairs_by_blocks(
+                rows, bound.blocks, bound.code, bound.free, bound.reach, *where, pairs, np.empty_like(rows)
+            )
+            if count < 0:
+                continue
+            suited += 1
+            found = np.sort(pairs[:, :count].T.astype(int), axis=1)
+            assert len(np.unique(found, axis=0)) == count
+            assert {tuple(pair) for pair in found} == brute_pairs(x, lattice, bound.reach)
+    assert suited > 6 or lattice.size < 50
+
+
+def test_torn_and_stretched_cloth_is_searched_too():
+    """Where blocks do not suit, a run finds what brute force finds."""
+    sim = Simulator(COLLIDING.replace(perturbation=0.0))
+    x = CLOTH.lattice.rest_positions.copy()
+    x[:, 6:, :, 0] += 3.0  # torn in two, one half
+    x[:, 9:, :] += (-0.1, 0.05, -0.3)  # and folded
+    sim.set_positions(x)
+    sim.step()
+    bound = sim._effects[-1]
+    found = {tuple(sorted(pair)) for pair in bound.pairs[0, :, : bound.listed_pairs[0]].T.astype(int).tolist()}
+    assert found == brute_pairs(bound.listed[0].T, CLOTH.lattice, bound.reach)
+    assert found
+
+
+# -- laws -----------------------------------------------------------------------------------------------------------------------
+
+
+def crowd(sim, seed=0, spread=0.12, speed=1.0):
+    """Place the particles at random, close to each other."""
+    random = np.random.default_rng(seed)
+    shape = (*sim.scene.lattice.shape, 3)
+    sim.set_positions(spread * random.standard_normal(shape))
+    sim.set_velocities(speed * random.standard_normal(shape))
+
+
+def momentum(sim):
+    return np.einsum("i,ik->k", sim.scene.lattice.masses, sim.velocities[0].reshape(-1, 3))
+
+
+def test_contact_keeps_momentum_and_the_centre_of_mass():
+    sim = Simulator(Scene(BEADS, (SelfCollision(0.15, friction=0.5, restitution=0.3),), timestep=1e-3))
+    crowd(sim)
+    before, start = momentum(sim), np.average(sim.positions[0].reshape(-1, 3), axis=0, weights=BEADS.masses)
+    sim.step(300)
+    np.testing.assert_allclose(momentum(sim), before, rtol=0, atol=1e-13)
+    centre = np.average(sim.positions[0].reshape(-1, 3), axis=0, weights=BEADS.masses)
+    np.testing.assert_allclose(centre, start + 0.3 * before / BEADS.masses.sum(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_contact_makes_no_kinetic_energy(friction, restitution):
+    sim = Simulator(Scene(BEADS, (SelfCollision(0.15, friction, restitution),), timestep=1e-3))
+    crowd(sim)
+    first = last = sim.energy()["kinetic"][0]
+    for _ in range(200):
+        sim.step()
+        now = sim.energy()["kinetic"][0]
+        assert now <= last * (1 + 1e-12)
+        last = now
+    if friction == 0 and restitution == 1:
+        assert last == pytest.approx(first, rel=1e-12)
+    else:
+        assert last < 0.95 * first
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2, 5.0])
+@pytest.mark.parametrize("restitution", [0.0, 0.6])
+def test_two_particles_collide_as_in_the_formulas(friction, restitution):
+    """Impulse along the line of centres, Coulomb friction across it, in closed form."""
+    lattice = Lattice(1, 1, 4, 0.5, 0.02, 0.4, "none")
+    sim = Simulator(Scene(lattice, (SelfCollision(0.1, friction, restitution),), timestep=1e-3))
+    x, v = np.zeros((2, 1, 1, 4, 3))
+    x[0, 0, :, 0] = 0.0, 3.0, 6.0, 0.0995
+    v[0, 0, 0], v[0, 0, 3] = (1.0, 0.0, 0.5), (-1.0, 0.3, 0.0)
+    sim.set_positions(x)
+    sim.set_velocities(v)
+    sim.step()
+    inverse = 1 / lattice.masses[[0, 3]]
+    gap = x[0, 0, 3] + 1e-3 * v[0, 0, 3] - x[0, 0, 0] - 1e-3 * v[0, 0, 0]
+    n, rate = gap / np.linalg.norm(gap), v[0, 0, 3] - v[0, 0, 0]
+    impulse = -(1 + restitution) * (rate @ n) / inverse.sum()
+    slide = rate - (rate @ n) * n
+    size = np.linalg.norm(slide)
+    total = impulse * n - min(friction * impulse, size / inverse.sum()) * slide / size
+    np.testing.assert_allclose(sim.velocities[0, 0, 0, [0, 3]], v[0, 0, [0, 3]] + np.outer([-inverse[0], inverse[1]], total))
+    now = sim.positions[0, 0, 0]
+    assert np.linalg.norm(now[3] - now[0]) == pytest.approx(0.1, rel=1e-12)
+    np.testing.assert_array_equal(sim.velocities[0, 0, 0, 1:3], 0)
+
+
+def test_pinned_particles_stay_and_stop_what_hits_them():
+    lattice = Lattice(1, 1, 4, 0.5, 0.02, pinned=(0,))
+    sim = Simulator(Scene(lattice, (SelfCollision(0.1),), timestep=1e-3))
+    x, v = np.zeros((2, 1, 1, 4, 3))
+    x[0, 0, :, 0] = 0.0, 3.0, 6.0, 0.2
+    v[0, 0, 3, 0] = -1.0
+    sim.set_positions(x)
+    sim.set_velocities(v)
+    sim.step(300)
+    np.testing.assert_array_equal(sim.positions[0, 0, 0, 0], 0)
+    np.testing.assert_allclose(sim.positions[0, 0, 0, 3], (0.1, 0, 0), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(sim.velocities[0, 0, 0, 3], 0, rtol=0, atol=1e-12)
+
+
+def test_energy_does_not_grow_when_sheets_meet():
+    scene = layered(CLOTH).without(effects.AirDrag).adding(SelfCollision(friction=0.0)).replace(timestep=2e-4)
+    sim = Simulator(scene)
+    v = np.zeros((*scene.lattice.shape, 3))
+    v[0, ..., 1] = 2.0
+    sim.set_velocities(v)
+    energies = []
+    for _ in range(100):
+        energies.append(sum(value[0] for value in sim.energy().values()))
+        sim.step(20)
+    assert min(energies) < 0.8 * energies[0]
+    assert np.diff(energies).max() < 2e-3 * energies[0]
+
+
+# -- the contract ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_nothing_close_no_bit_changes(dtype):
+    ends = []
+    for scene in (CLOTH, COLLIDING):
+        sim = Simulator(scene.replace(dtype=dtype))
+        sim.set_wind(mean=(20 * MEAN_MASS, 3 * MEAN_MASS, 0))
+        sim.step(400)
+        ends.append((sim.positions, sim.velocities))
+    np.testing.assert_array_equal(*ends)
+
+
+@pytest.mark.parametrize("scene", [CLOTH, layered(CLOTH)])
+def test_the_step_limit_stays(scene):
+    assert max_timestep(scene.adding(SelfCollision())) == max_timestep(scene)
+    assert not SelfCollision().link_terms(scene.lattice)
+
+
+def test_the_rest_pose_is_free_of_contact_at_any_thickness():
+    for thickness in (None, 0.01, 0.3, 5.0):
+        scene = layered(CLOTH).without(effects.AirDrag).adding(SelfCollision(thickness)).replace(perturbation=0.0)
+        sim = Simulator(scene)
+        sim.step(20)
+        np.testing.assert_allclose(sim.positions[0], scene.lattice.rest_positions, rtol=0, atol=1e-12)
+
+
+def test_a_state_continues_to_the_bit():
+    sim = Simulator(COLLIDING, copies=3)
+    sim.set_positions(folded(CLOTH.lattice, 1.5 * max(CLOTH.lattice.steps)))
+    gale(sim)
+    sim.step(333)
+    state = sim.get_state()
+    ends = []
+    other = Simulator(COLLIDING, copies=3, threads=1)
+    gale(other)
+    other.step(101)  # its own lists are of other poses
+    for run in (sim, other, other):
+        run.set_state(state)
+        run.step(200)
+        ends.append((run.positions, run.velocities))
+    np.testing.assert_array_equal(ends[0], ends[1])
+    np.testing.assert_array_equal(ends[0], ends[2])
+    unbroken = Simulator(COLLIDING, copies=3)
+    unbroken.set_positions(folded(CLOTH.lattice, 1.5 * max(CLOTH.lattice.steps)))
+    gale(unbroken)
+    unbroken.step(533)
+    np.testing.assert_array_equal((unbroken.positions, unbroken.velocities), ends[0])
+
+
+def test_one_copy_of_a_state_continues_in_any_place():
+    many = Simulator(COLLIDING, copies=2)
+    gale(many)
+    many.step(200)
+    one = Simulator(COLLIDING)
+    gale(one)
+    one.step(300)
+    many.set_state(one.get_state(), copies=[1])
+    for sim in (many, one):
+        sim.step(100)
+    np.testing.assert_array_equal(many.positions[1], one.positions[0])
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_copies_and_threads_give_the_same_bits(dtype):
+    scene = COLLIDING.replace(dtype=dtype)
+    x = np.stack([folded(CLOTH.lattice, gap * max(CLOTH.lattice.steps)) for gap in (1.3, 1.5, 1.7, 2.0)])
+    sims = [Simulator(scene, copies=4, threads=threads) for threads in (1, 2)]
+    for sim in sims:
+        sim.set_positions(x)
+        sim.set_wind(mean=(0.0, -8 * MEAN_MASS, 0.0))
+        sim.step(300)
+    np.testing.assert_array_equal(sims[0].positions, sims[1].positions)
+    for copy in range(4):
+        alone = Simulator(scene.replace(perturbation=0.0))
+        alone.set_positions(x[copy])
+        alone.set_wind(mean=(0.0, -8 * MEAN_MASS, 0.0))
+        alone.step(300)
+        np.testing.assert_array_equal(alone.positions[0], sims[0].positions[copy])
+    assert not np.array_equal(sims[0].positions[0], sims[0].positions[1])
+
+
+def test_single_precision_stays_single():
+    bound = bound_to(SelfCollision(), CLOTH.lattice, "float32")
+    for name, value in {**bound._asdict(), **bound.blocks._asdict(), "blocks": 0}.items():
+        kind = np.asarray(value).dtype
+        assert kind == np.float32 or np.issubdtype(kind, np.integer), name
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("scale", [0.0, 1e-30, 1e-18, 1e-10, 1e-3])
+def test_coincident_particles_part(scale, dtype):
+    scene = Scene(BEADS, (SelfCollision(0.05),), timestep=1e-3, dtype=dtype)
+    sim = Simulator(scene)
+    x = scale * np.random.default_rng(0).standard_normal((*BEADS.shape, 3))
+    sim.set_positions(x)
+    sim.step(200)
+    assert np.isfinite(sim.positions).all()
+    rest = pdist(BEADS.rest_positions.reshape(-1, 3))
+    apart = pdist(sim.positions[0].reshape(-1, 3))
+    linked = rest < 1.01 * np.hypot(0.1, 0.1)
+    assert (apart[~linked] > 0.8 * 0.05).all()
+
+
+def test_numbers_that_are_not_finite_stop_the_copy_only():
+    sim = Simulator(CLOTH.adding(SelfCollision()).replace(timestep=0.02, allow_unstable=True), copies=2)
+    x = np.stack([CLOTH.lattice.rest_positions, 1.5 * CLOTH.lattice.rest_positions])
+    sim.set_positions(x)
+    with pytest.raises(Diverged):
+        sim.step(2000)
+    for large in (1e30, 1e150, 1e300):  # finite, and beyond any cell
+        sim = Simulator(Scene(BEADS, (SelfCollision(0.1),), timestep=1e-3))
+        sim.set_positions(large * np.random.default_rng(1).standard_normal((*BEADS.shape, 3)))
+        sim.step(3)
+        assert np.isfinite(sim.positions).all()
+
+
+def test_it_works_with_every_effect_of_a_flag_and_a_moving_mast():
+    sim = Simulator(COLLIDING)
+    gale(sim)
+    for turn in range(40):
+        sim.set_mast(position=(0.3 * np.sin(turn / 3), 0.3 * np.cos(turn / 5) - 0.3, 0.0), tilt=(0.3 * np.sin(turn / 4), 0.0))
+        sim.step(40)
+        assert crossings(sim.positions[0]) == 0
+
+
+def test_an_effect_is_a_value():
+    effect = SelfCollision(0.1, 0.2, 0.3)
+    assert pickle.loads(pickle.dumps(effect)) == effect
+    assert hash(effect) == hash(SelfCollision(0.1, 0.2, 0.3))
+    assert SelfCollision().reach(CLOTH.lattice) == pytest.approx(1.2 * max(CLOTH.lattice.steps[:2]))
+    for wrong in ({"thickness": 0.0}, {"thickness": -1.0}, {"friction": -0.1}, {"restitution": 1.1}, {"restitution": -0.1}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            SelfCollision(**wrong)
+    with pytest.raises(ValueError, match="dimensions"):
+        presets.sheet().adding(effect)
+    assert isinstance(COLLIDING.integrator, integrators.Leapfrog)

@@ -1,0 +1,284 @@
+"""Checks the strain limit: it holds, keeps momentum, adds no energy, and leaves alone what is within it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from flag_env.physics import Lattice, Scene, Simulator, max_timestep, presets
+from flag_env.physics.effects import Bending, CosineWind, Gravity, Shear, StrainLimit, Structural
+from flag_env.physics.effects.strain_limit import TOLERANCE
+
+STRONG = CosineWind((0.02, 0.03, 0.01), (3.0, 7.0, 5.0), (0.02, 0.005, 0.0))
+NOISE = {"float64": 1e-12, "float32": 1e-5}
+
+
+def strains(positions, lattice):
+    """Strain of every link between neighbours, along rows and up columns."""
+    along, up, _ = lattice.steps
+    lengths = [np.linalg.norm(np.diff(positions, axis=axis), axis=-1) for axis in (-2, -3)]
+    return np.concatenate([(length / rest - 1).ravel() for length, rest in zip(lengths, (along, up), strict=True)])
+
+
+def largest(sim):
+    return strains(sim.positions, sim.scene.lattice).max()
+
+
+def most(stretch, dtype="float64"):
+    """Largest strain that the limit promises."""
+    return (1 + stretch) * (1 + TOLERANCE) - 1 + NOISE[dtype]
+
+
+def chain(cols, effects=(), pinned="none", **lattice):
+    return Scene(Lattice(1, 1, cols, 1.0, 1.0, pinned=pinned, **lattice), effects, timestep=1e-2)
+
+
+def momentum(sim):
+    return np.tensordot(sim.scene.lattice.masses, sim.get_state().velocities[0].T, 1)
+
+
+# -- the limit holds ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "dtype"),
+    [(presets.flag, "float64"), (presets.flag, "float32"), (presets.sheet, "float64"), (presets.two_layer_flag, "float32")],
+)
+@pytest.mark.parametrize(("stiffness", "stretch"), [(100.0, 0.1), (10.0, 0.1), (10.0, 0.0)])
+def test_no_link_is_longer_in_strong_wind(make, stiffness, stretch, dtype):
+    sim = Simulator(make(8, 12, stiffness=stiffness, dtype=dtype).adding(STRONG, StrainLimit(stretch)))
+    rng = np.random.default_rng(0)
+    place, seen = np.zeros(3), []
+    for step in range(1200):
+        if step % 20 == 0:
+            place += rng.normal(0, 0.01, 3) * [1, make is not presets.sheet, 1]
+            sim.set_mast(place)
+            sim.set_wind(mean=rng.normal(0, 0.03, 3))
+        sim.step(1)
+        seen.append(largest(sim))
+    assert max(seen) <= most(stretch, dtype)
+    assert np.quantile(seen, 0.8) > 0.99 * stretch  # it had something to do
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("spread", [0.05, 0.5, 5.0])
+def test_any_pose_is_brought_within_the_limit(spread, dtype):
+    scene = presets.flag(8, 12, dtype=dtype).adding(StrainLimit(0.1))
+    sim = Simulator(scene)
+    pose = sim.positions[0]
+    pose[:, :, 1:] = 1.3 * pose[:, :, 1:] + spread * np.random.default_rng(1).standard_normal(pose[:, :, 1:].shape)
+    sim.set_positions(pose)
+    for _ in range(50):
+        sim.step(1)
+        assert largest(sim) <= most(0.1, dtype)
+    speed = np.linalg.norm(sim.velocities, axis=-1).max()
+    assert speed < 30  # being shortened by hundreds of metres per second has left no speed; springs and folds have left some
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 10.0])
+def test_a_soft_flag_sags_no_more_than_its_limit(stiffness):
+    """Hung by its edge from the top: own weight stretches it many times over, the limit lets through half a percent."""
+    lattice = Lattice(1, 16, 24, 0.05, 1e-3, pinned=tuple(15 * 24 + np.arange(24)))
+    links = Structural(stiffness, 0.02), Shear(stiffness / 4, 0.02), Bending(stiffness / 50, 0.02)
+    scene = Scene(lattice, (Gravity(), *links))
+    sag = {}
+    for name, given in (("springs", scene), ("limited", scene.adding(StrainLimit(0.005)))):
+        sim = Simulator(given)
+        assert sim.timestep == Simulator(scene).timestep
+        sim.advance(3.0)
+        height = sim.positions[0, 0, :, :, 2]
+        sag[name] = ((height[-1] - height[0]).max()) / lattice.extent[1] - 1
+    alone = 9.81 * 1e-3 * 15 * 16 / 2 / stiffness / lattice.extent[1]  # the weight below each link, one on another
+    assert sag["springs"] > 0.5 * alone
+    assert sag["limited"] < 0.01
+    assert sag["limited"] < most(0.005)
+    assert alone > 0.1
+
+
+def test_what_the_mast_makes_impossible_is_finite_and_as_short_as_it_can_be():
+    """Two ends half as far again apart: the mean strain is the pinned ends', shared out evenly among equal masses."""
+    sim = Simulator(chain(16, (Gravity(), StrainLimit(0.1)), "ends"))
+    pose = sim.positions[0]
+    pose[..., 0] *= 1.5
+    sim.set_positions(pose)
+    for _ in range(100):
+        sim.step(1)
+        assert 0.5 - 1e-9 <= largest(sim) < 0.56
+    assert np.linalg.norm(sim.velocities, axis=-1).max() < 1
+    assert np.abs(sim.positions[0, ..., 1:]).max() < 0.1
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_mast_that_jumps_away_gets_its_flag_back(dtype):
+    sim = Simulator(presets.flag(8, 12, dtype=dtype).adding(StrainLimit(0.1)))
+    for jump in (0.3, 3.0, 300.0):
+        sim.set_mast((0.0, jump, 0.0))
+        sim.step(1)
+        assert np.isfinite(sim.positions).all()
+        for _ in range(200):
+            sim.step(1)
+        # where coordinates are large, float32 knows a link's length less well
+        assert largest(sim) <= most(0.1, dtype) + 4 * np.finfo(dtype).eps * jump / 0.1
+
+
+# -- closed forms ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("taper", [1.0, 0.25])
+def test_two_particles_share_the_correction_by_their_masses(taper):
+    """x' = x +- (d - L) w_i / (w_1 + w_2) along the link; v' likewise over h: both then move with their common velocity."""
+    scene = chain(2, (StrainLimit(0.1),), taper=taper)
+    masses, h = scene.lattice.masses, 1e-2
+    v = np.array([[0.0, 1.0, 0.0], [3.0, 1.0, -2.0]])
+    start = scene.lattice.rest_positions.reshape(2, 3) * 1.1
+    sim = Simulator(scene)
+    sim.set_positions(start.reshape(1, 1, 2, 3))
+    sim.set_velocities(v.reshape(1, 1, 2, 3))
+    sim.step(1)
+    moved = start + h * v
+    link = moved[1] - moved[0]
+    length = np.linalg.norm(link)
+    share = (1 / masses) / (1 / masses).sum()
+    correction = (length - 1.1) * share[:, None] * np.array([[1.0], [-1.0]]) * link / length
+    np.testing.assert_allclose(sim.positions.reshape(2, 3), moved + correction, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(sim.get_state().velocities[0].T, v + correction / h, rtol=0, atol=2e-4)
+
+
+def test_a_pendulum_stays_on_its_circle():
+    """Speed at the lowest point from the fall alone, v^2 = 2 g L (1 - cos 60 deg), up to what the steps dissipate."""
+    reach = 1.1
+    sim = Simulator(chain(2, (Gravity(), StrainLimit(0.1)), "edge").replace(timestep=1e-4))
+    angle = np.pi / 3
+    sim.set_positions(np.array([[0.0, 0, 0], [reach * np.sin(angle), 0, -reach * np.cos(angle)]]).reshape(1, 1, 2, 3))
+    fastest, radius = 0.0, []
+    for _ in range(12000):
+        sim.step(1)
+        fastest = max(fastest, np.linalg.norm(sim.get_state().velocities[0, :, 1]))
+        radius.append(np.linalg.norm(sim.get_state().positions[0, :, 1]))
+    assert min(radius) > reach * (1 - 1e-6)
+    assert max(radius) < reach * (1 + 1e-6)
+    assert fastest == pytest.approx(np.sqrt(2 * 9.81 * reach * (1 - np.cos(angle))), rel=2e-3)
+
+
+def test_a_hanging_chain_bears_its_weight_at_once():
+    """All links at the limit: nothing moves, for any number of links and at a timestep far beyond any spring's."""
+    lattice = Lattice(1, 40, 1, 0.1, 1.0, pinned=(39,))
+    sim = Simulator(Scene(lattice, (Gravity(), StrainLimit(0.1)), timestep=1e-2))
+    pose = 1.1 * (sim.positions[0] - sim.positions[0, 0, -1])
+    sim.set_positions(pose)
+    sim.step(500)
+    assert np.abs(sim.positions[0] - pose).max() < 1e-5 * lattice.extent[1]
+
+
+# -- what it must not change -------------------------------------------------------------------------------------------------
+
+
+def free_cloth(dtype="float64", seed=0, taper=0.3):
+    lattice = Lattice(1, 7, 9, 0.1, 0.02, taper, "none")
+    links = Structural(50.0), Shear(20.0), Bending(1.0)
+    sim = Simulator(Scene(lattice, (*links, StrainLimit(0.05)), timestep=1e-3, dtype=dtype))
+    sim.set_velocities(np.random.default_rng(seed).standard_normal((*lattice.shape, 3)))
+    return sim
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_a_free_cloth_keeps_its_momentum(dtype):
+    sim = free_cloth(dtype)
+    before = momentum(sim)
+    worst = 0.0
+    for _ in range(300):
+        sim.step(1)
+        worst = max(worst, largest(sim))
+        np.testing.assert_allclose(momentum(sim), before, rtol=0, atol=2e3 * np.finfo(dtype).eps)
+    assert worst > 0.05 * 0.999  # at the limit
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_kinetic_energy_never_grows_without_springs(seed):
+    """A projection on a convex set brings no two poses further apart: |x' - x_old| <= |x - x_old| = h |v|, masses as weights.
+
+    Up to the tolerance, by which the old pose may lie outside.
+    """
+    sim = free_cloth(seed=seed)
+    scene = sim.scene.without(Structural, Shear, Bending)
+    sim = Simulator(scene)
+    sim.set_velocities(np.random.default_rng(seed).standard_normal((*scene.lattice.shape, 3)))
+    energies = []
+    for _ in range(500):
+        sim.step(1)
+        energies.append(sim.energy()["kinetic"][0])
+    assert np.diff(energies).max() <= 0.01 * TOLERANCE * energies[0]
+    assert energies[-1] < 0.9 * energies[0]
+
+
+def test_total_energy_does_not_grow_with_springs():
+    scene = presets.flag(8, 12, stiffness=20.0, drag=0.0, viscosity=0.0).without(CosineWind)
+    sim = Simulator(scene.adding(StrainLimit(0.02)).replace(timestep=2e-4))
+    totals = []
+    for _ in range(100):
+        sim.step(50)
+        totals.append(sum(value[0] for value in sim.energy().values()))
+    assert max(totals) < totals[0] + 1e-3 * (totals[0] - min(totals))
+    assert largest(sim) <= most(0.02)
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_it_does_nothing_within_the_limit(dtype):
+    scene = presets.flag(6, 9, dtype=dtype).adding(STRONG)
+    sims = [Simulator(given) for given in (scene, scene.adding(StrainLimit(10.0)))]
+    for sim in sims:
+        sim.step(500)
+    assert largest(sims[0]) > 0.03
+    np.testing.assert_array_equal(sims[0].get_state().positions, sims[1].get_state().positions)
+    np.testing.assert_array_equal(sims[0].get_state().velocities, sims[1].get_state().velocities)
+
+
+def test_it_costs_no_timestep():
+    for scene in (presets.flag(6, 8), presets.sheet(6, 8), presets.two_layer_flag(6, 8)):
+        assert max_timestep(scene.adding(StrainLimit(0.0))) == max_timestep(scene)
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 1, 2), (1, 2, 1), (2, 2, 2), (2, 1, 5), (1, 5, 1), (1, 2, 2)])
+@pytest.mark.parametrize("pinned", ["edge", "sleeve", "none", "ends"])
+def test_small_lattices(shape, pinned):
+    scene = Scene(Lattice(*shape, (0.1, 0.2), 0.01, 0.5, pinned), (Gravity(), Structural(1.0), StrainLimit(0.0)))
+    sim = Simulator(scene, copies=2)
+    sim.set_velocities(np.random.default_rng(0).standard_normal((*shape, 3)))
+    for _ in range(20):
+        sim.step(1)
+        assert strains(sim.positions, scene.lattice).max(initial=0.0) <= most(0.0)
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+def test_ropes_and_sheets(dimensions):
+    """A rope's link is the slanted line between its ends, which stay a spacing apart along x."""
+    lattice = Lattice(1, 1, 12, 0.1, 0.01, pinned="ends", dimensions=dimensions)
+    sim = Simulator(Scene(lattice, (Gravity(), Structural(1.0, 0.01), StrainLimit(0.1))))
+    sim.set_velocities([[[[0.0, 0.0, 1.0 + col] for col in range(12)]]])
+    worst = 0.0
+    for _ in range(500):
+        sim.step(1)
+        worst = max(worst, largest(sim))
+    assert 0.0999 < worst <= most(0.1) + TOLERANCE * (dimensions == 1)
+
+
+def test_copies_and_states_continue_to_the_bit():
+    scene = presets.flag(6, 9, stiffness=20.0).adding(STRONG, StrainLimit(0.03))
+    many, one = Simulator(scene, copies=3), Simulator(scene)
+    many.set_wind(mean=[[0.0, 0.0, 0.0], [0.02, 0.005, 0.0], [0.1, 0.1, 0.1]])
+    one.set_state(dataclasses.replace(one.get_state(), positions=many.get_state().positions[1:2]))
+    for sim in (many, one):
+        sim.step(200)
+    np.testing.assert_array_equal(many.get_state().positions[1], one.get_state().positions[0])
+    state = many.get_state()
+    many.step(50)
+    other = Simulator(scene, copies=3, seed=7)
+    other.set_state(state)
+    other.step(50)
+    np.testing.assert_array_equal(many.get_state().positions, other.get_state().positions)
+
+
+@pytest.mark.parametrize("wrong", [{"stretch": -0.1}, {"stretch": np.nan}, {"iterations": 0}])
+def test_wrong_arguments_are_refused(wrong):
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        StrainLimit(**wrong)

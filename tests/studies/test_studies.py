@@ -1,0 +1,92 @@
+"""The studies' baselines compute the right thing, and the studies write what they say."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from flag_env.physics import Simulator, effects, presets
+from flag_env.studies import effects as effects_study
+from flag_env.studies import gallery, report, speed
+from flag_env.studies.plain import PlainFlag
+from flag_env.studies.timing import fastest
+
+
+def test_the_plain_flag_is_the_same_flag():
+    """Two programs that share no code agree after 500 steps."""
+    scene = presets.flag(6, 9, perturbation=1e-3).without(effects.AirDrag, effects.CosineWind)
+    simulator = Simulator(scene)
+    links = [effect for effect in scene.effects if isinstance(effect, effects.LinkEffect)]
+    lattice = scene.lattice
+    plain = PlainFlag(
+        6,
+        9,
+        lattice.steps[:2],
+        lattice.masses,
+        tuple(link.stiffness for link in links),
+        tuple(link.viscosity for link in links),
+        simulator.timestep,
+        "float64",
+    )
+    plain.x[:] = simulator.positions.reshape(-1, 3)
+    simulator.step(500)
+    plain.step(500)
+    np.testing.assert_allclose(plain.x, simulator.positions.reshape(-1, 3), rtol=0, atol=1e-10)
+    assert np.abs(plain.x - lattice.rest_positions.reshape(-1, 3)).max() > 0.1
+
+
+def test_jobs_take_turns_and_the_first_turn_does_not_count():
+    order = []
+    times = fastest({"a": lambda: order.append("a"), "b": lambda: order.append("b")}, rounds=2)
+    assert order == ["a", "b"] * 3
+    assert set(times) == {"a", "b"}
+    assert min(times.values()) > 0
+
+
+def test_table_is_markdown():
+    lines = report.table([{"name": "x", "value": 1.23456}, {"name": "longer", "value": 20.0}]).splitlines()
+    assert lines[0] == "| name   | value |"
+    assert lines[2] == "| x      | 1.23  |"
+    assert len({len(line) for line in lines}) == 1
+
+
+def test_speed_rows_hold_a_ratio():
+    row = speed.measure(3, 4, "float32", rounds=1)
+    assert row["ratio"] == pytest.approx(row["M particle-steps/s"] / row["plain Numba"])
+
+
+def test_effects_rows_sum_up():
+    rows = effects_study.measure("flag", presets.flag(4, 5), rounds=2)
+    parts = [row["ns per particle-step"] for row in rows[:-2]]
+    assert rows[-2]["ns per particle-step"] == pytest.approx(sum(parts))
+    assert [row["part"] for row in rows[:2]] == ["integrator", "Gravity"]
+
+
+def test_every_scene_can_be_filmed():
+    from flag_env.render import Renderer
+
+    for name, shot in gallery.shots().items():
+        frames = list(gallery.film(shot, Renderer(64, 64), seconds=0.08))
+        assert len(frames) == 2, name
+        assert (frames[0] != frames[1]).any(), name
+
+
+def test_writing_leaves_whole_files(tmp_path):
+    from matplotlib.figure import Figure
+
+    report.write(tmp_path, "study", [{"a": 1}], Figure(), more=2)
+    written = json.loads((tmp_path / "study.json").read_text())
+    assert written["rows"] == [{"a": 1}]
+    assert written["more"] == 2
+    assert {"processor", "cores", "versions", "date"} <= set(written["machine"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["study.json", "study.png"]
+
+
+@pytest.mark.parametrize("command", ["effects", "flutter", "record", "speed", "targets"])
+def test_commands_explain_themselves(command):
+    code = "from flag_env.cli import main; main()"
+    told = subprocess.run([sys.executable, "-c", code, command, "--help"], capture_output=True, text=True, check=True).stdout
+    assert "--quick" in told
+    assert "--output" in told
