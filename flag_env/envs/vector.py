@@ -143,7 +143,8 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
         del kwargs
-        self._picture.close()
+        if hasattr(self, "_picture"):  # Gymnasium also closes what was never made, because its arguments were refused
+            self._picture.close()
 
     def _start(self, which: NDArray[np.intp], target: int | None) -> None:
         for copy in which:
