@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from flag_env.control import CONTROLS, Control
 from flag_env.control.base import CONTROL_STEP
-from flag_env.physics import Diverged, Scene, Simulator, max_timestep, presets, validate
+from flag_env.physics import Diverged, Scene, Simulator, presets, validate
 from flag_env.physics.effects import Wind
-from flag_env.physics.stability import AUTO
+from flag_env.physics.stability import timestep_of
 from flag_env.tasks.targets import SPLITS, Targets, load_targets
 
 Array = NDArray[np.float64]
@@ -65,8 +65,7 @@ class Settings:
 
 def fitted(scene: Scene) -> Scene:
     """The scene with its timestep lowered to a whole fraction of the control step."""
-    wanted = AUTO * max_timestep(scene) if isinstance(scene.timestep, str) else scene.timestep
-    return scene.replace(timestep=CONTROL_STEP / max(1, math.ceil(CONTROL_STEP / wanted - 1e-9)))
+    return scene.replace(timestep=CONTROL_STEP / max(1, math.ceil(CONTROL_STEP / timestep_of(scene) - 1e-9)))
 
 
 DEFAULT_SCENE = fitted(presets.flag(rows=10, cols=16))
