@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import EngFormatter, PercentFormatter
+from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from training.files import replacing
 
@@ -51,6 +51,7 @@ def draw(path: Path, curve: list[dict[str, Any]], baselines: dict[str, dict[str,
         axes.set_xlim(0, max(steps[-1], 1))
         axes.set_xlabel("environment steps", color=INK)
         axes.xaxis.set_major_formatter(EngFormatter(sep=" "))
+        axes.yaxis.set_major_locator(MaxNLocator(steps=[1, 2, 5, 10]))
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
         axes.grid(color="#e6eaee", lw=0.8)
         axes.spines[["top", "right"]].set_visible(False)

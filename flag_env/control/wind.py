@@ -27,6 +27,15 @@ FREQUENCY = (0.04, 0.05, 0.35)
 LAG = 0.2
 """Time constant of the actuator [s]."""
 
+DRAG = 1.5
+"""Rate [1/s] at which moving air that is given a velocity counts as an acceleration of the cloth."""
+
+
+def wind_of(scene: Scene, acceleration: Array) -> Array:
+    """A wind acceleration [m/s^2] in the unit of the scene's wind: a force on a mean particle, or a velocity of the air."""
+    force = any(isinstance(effect, Wind) and effect.unit == "N" for effect in scene.effects)
+    return acceleration * float(scene.lattice.masses.mean()) if force else acceleration / DRAG
+
 
 class WindControl(Control):
     """Sets the wind's amplitude. State: u."""
@@ -36,13 +45,16 @@ class WindControl(Control):
 
     def __init__(self, scene: Scene, copies: int) -> None:
         super().__init__(scene, copies)
-        self._force = float(scene.lattice.masses.mean()) * GAIN
+        self._amplitude = wind_of(scene, GAIN)
         self._u = np.zeros((copies, 3))
 
     @classmethod
     def check(cls, scene: Scene) -> None:
         """Raise ValueError unless the scene has a wind."""
-        if not any(isinstance(effect, Wind) for effect in scene.effects):
+        units = {effect.unit for effect in scene.effects if isinstance(effect, Wind)}
+        if len(units) > 1:
+            raise ValueError(f"scene must hold winds in one unit for control='wind', got winds in {' and '.join(sorted(units))}")
+        if not units:
             kinds = ", ".join(type(effect).__name__ for effect in scene.effects) or "none"
             raise ValueError(f"scene must hold a wind, such as effects.CosineWind(), for control='wind'; its effects: {kinds}")
 
@@ -53,7 +65,7 @@ class WindControl(Control):
     def apply(self, simulator: Simulator, actions: Array) -> None:
         """Let u follow the set-points and set the wind's amplitude."""
         self._u += lag_factor(LAG) * (actions - self._u)
-        simulator.set_wind(amplitude=self._force * self._u, frequency=FREQUENCY)
+        simulator.set_wind(amplitude=self._amplitude * self._u, frequency=FREQUENCY)
 
     @property
     def state(self) -> Array:
@@ -67,5 +79,7 @@ class WindControl(Control):
 
     @staticmethod
     def other_ways(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-        """The steady wind from the start."""
-        return (np.repeat(actions[-1:], len(actions), axis=0),)
+        """The steady wind from the start, and the opposite gust before it."""
+        steady = np.broadcast_to(actions[-1], actions.shape)
+        gust = np.any(actions != actions[-1], axis=1, keepdims=True)
+        return steady, np.where(gust, -actions, steady)

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from flag_env.control import CONTROLS, Control
 from flag_env.control.base import CONTROL_STEP
+from flag_env.control.wind import wind_of
+from flag_env.envs import glance
 from flag_env.physics import Diverged, Scene, Simulator, presets, validate
 from flag_env.physics.effects import Wind
+from flag_env.physics.integrators import LFAB
 from flag_env.physics.stability import timestep_of
 from flag_env.tasks.targets import SPLITS, Targets, load_targets
 
@@ -34,6 +37,9 @@ OBSERVED = (3, 5)
 
 ROOM = 100.0
 """Largest coordinate of a flag that still counts as simulated [m]."""
+
+FASTEST = float(np.finfo(np.float64).max)
+"""Largest component of a velocity that still counts as simulated [m/s]."""
 
 SCENES = ("flag", "two_layer_flag")
 
@@ -60,7 +66,7 @@ class Settings:
 
     def resolved_scene(self) -> Scene:
         """The scene to simulate, its timestep a whole fraction of the control step."""
-        return fitted(self.scene if isinstance(self.scene, Scene) else getattr(presets, self.scene)(rows=10, cols=16))
+        return fitted(self.scene if isinstance(self.scene, Scene) else _preset(self.scene))
 
 
 def fitted(scene: Scene) -> Scene:
@@ -68,7 +74,11 @@ def fitted(scene: Scene) -> Scene:
     return scene.replace(timestep=CONTROL_STEP / max(1, math.ceil(CONTROL_STEP / timestep_of(scene) - 1e-9)))
 
 
-DEFAULT_SCENE = fitted(presets.flag(rows=10, cols=16))
+def _preset(name: str) -> Scene:
+    return getattr(presets, name)(rows=10, cols=16, integrator=LFAB(), dtype="float32")  # type: ignore[no-any-return]
+
+
+DEFAULT_SCENE = fitted(_preset("flag"))
 """The scene of the shipped targets."""
 
 
@@ -124,9 +134,8 @@ class FlagBatch:
         self.elapsed = np.zeros(copies, np.int64)
         self.held = np.zeros(copies, np.int64)
         self._start = Simulator(scene).get_state()
-        self._splits = np.cumsum([control.size for control in self.controls])[:-1]
+        self._firsts = np.cumsum([0] + [control.size for control in self.controls]).tolist()[:-1]
         self.nodes = _observed_nodes(scene)
-        self._mean_mass = float(scene.lattice.masses.mean())
         self._poses: dict[int, Array] = {}
         self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
 
@@ -154,22 +163,19 @@ class FlagBatch:
         self._set_ambient_wind()
         self.elapsed[which] = 0
         self.held[which] = 0
-        self.positions[which] = self.simulator.positions[which]
-        self.velocities[which] = self.simulator.velocities[which]
-        self.distance[which] = self._distances()[which]
+        positions, velocities = self.positions.copy(), self.velocities.copy()
+        positions[which], velocities[which] = self.simulator.positions[which], self.simulator.velocities[which]
+        self._look(positions, velocities)
 
     def step(self, actions: Array) -> Outcome:
         """Take one control step under `actions` (copies, action), finite; they are clipped to [-1, 1]."""
         actions = np.clip(actions, -1.0, 1.0)
-        for control, part in zip(self.controls, np.split(actions, self._splits, axis=1), strict=True):
-            control.apply(self.simulator, part)
+        for control, first in zip(self.controls, self._firsts, strict=True):
+            control.apply(self.simulator, actions[:, first : first + control.size])
         with contextlib.suppress(Diverged):  # the copies concerned end their episodes with their last finite numbers
             self.simulator.step(self.steps_per_action)
-        positions, velocities = self.simulator.positions, self.simulator.velocities
-        ended = _beyond(positions, ROOM) | _beyond(velocities, np.finfo(np.float64).max)
-        positions[ended], velocities[ended] = self.positions[ended], self.velocities[ended]
-        self.positions, self.velocities = positions, velocities
-        before, self.distance = self.distance, self._distances()
+        before = self.distance
+        ended = self._look(self.simulator.positions, self.simulator.velocities)
         self.elapsed += 1
         self.held = np.where(self.distance < self.settings.tolerance, self.held + 1, 0)
         return Outcome(before, self.distance.copy(), self.held >= HOLD_STEPS, ended)
@@ -192,12 +198,13 @@ class FlagBatch:
     @property
     def actuators(self) -> Array:
         """What is seen of the actuators, shape (copies, entries)."""
-        return np.concatenate([control.state for control in self.controls], axis=1)
+        states = [control.state for control in self.controls]
+        return states[0] if len(states) == 1 else np.concatenate(states, axis=1)
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
-        force = self.simulator.wind_force()
-        return None if force is None else force[copy] / self._mean_mass
+        wind = self.simulator.wind()
+        return None if wind is None else wind[copy] / wind_of(self.scene, np.ones(3))
 
     def pose(self, index: int) -> Array:
         """Target pose of a number [m]: as shipped; in another scene than the default, where its witness leads there."""
@@ -207,20 +214,20 @@ class FlagBatch:
             self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
         return self._poses[index]
 
-    def _distances(self) -> Array:
-        """RMS distance of the particles to their targets / flag diagonal, shape (copies,)."""
-        difference = (self.positions - self.target).reshape(self.copies, -1)
-        square = np.einsum("ij,ij->i", difference, difference) / self.scene.lattice.size
-        return np.asarray(np.sqrt(square) / self.scene.lattice.diagonal)
+    def _look(self, positions: Array, velocities: Array) -> NDArray[np.bool_]:
+        """Take over positions and velocities, but for copies out of bounds, and measure distances; which copies those are."""
+        flat = (self.copies, 3 * self.scene.lattice.size)
+        ended, self.distance = np.empty(self.copies, bool), np.empty(self.copies)
+        glance.settle()(
+            positions.reshape(flat), velocities.reshape(flat), self.positions.reshape(flat), self.velocities.reshape(flat),
+            self.target.reshape(flat), ROOM, FASTEST, flat[1] / 3, self.scene.lattice.diagonal, self.distance, ended,
+        )  # fmt: skip
+        self.positions, self.velocities = positions, velocities
+        return ended
 
     def _set_ambient_wind(self) -> None:
         if self._windy:
-            self.simulator.set_wind(mean=self._mean_mass * (WIND + self.hidden_wind))
-
-
-def _beyond(values: Array, bound: float) -> NDArray[np.bool_]:
-    """Which copies hold a number that is not finite or larger than `bound`, shape (copies,)."""
-    return np.asarray(~(np.abs(values).reshape(len(values), -1).max(axis=1) <= bound))
+            self.simulator.set_wind(mean=wind_of(self.scene, WIND + self.hidden_wind))
 
 
 def _observed_nodes(scene: Scene) -> NDArray[np.int64]:

@@ -33,7 +33,8 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     `Box(-1, 1)`; values outside are clipped, NaN and infinity refused.
 
     `control="wind"`: 3 entries, set-points of the wind's amplitude along x, y, z. The amplitude follows with a lag of 0.2 s; at
-    full action it accelerates the cloth by 6, 8, 5 m/s^2, times a slow cosine, on top of a steady 6 m/s^2 along x.
+    full action it accelerates the cloth by 6, 8, 5 m/s^2, times a slow cosine, on top of a steady 6 m/s^2 along x. Where the
+    scene's wind is given by the velocity of the air, 1.5 m/s^2 stand for 1 m/s.
 
     `control="mast"`: 5 entries, set-points of the mast's velocity along x, y, z (at full action 1.5 m/s) and of its tilt rates
     about x and y (1 rad/s). They are followed with a lag of 0.1 s, within +-1 m and +-0.6 rad of the start.
@@ -47,7 +48,7 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     | 45 | positions of the nodes (x, y, z of each, row by row from below) | m |
     | 45 | their velocities | m/s |
     | 45 | target positions of the nodes | m |
-    | 45 | target minus position | m |
+    | 45 | target minus position | 0.1 flag diagonals |
     | 3 or 10 | actuators: wind amplitude; or mast pose and velocity | share of its range |
     | 1 | time left | share of the episode |
 

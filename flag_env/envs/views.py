@@ -8,11 +8,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from flag_env.envs import glance
 from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Outcome
 from flag_env.tasks.reward import REWARDS, reward_terms
 
 LIMIT = 100.0
 """Bound of every entry of an observation."""
+
+CLOSE = 0.1
+"""Difference between target and node that an agent sees as 1, in flag diagonals: what decides success lies well below it."""
 
 Array = NDArray[np.float64]
 Observation = Any
@@ -33,8 +37,12 @@ class FlatView:
 
     def observe(self) -> Observation:
         """Observations of all copies, fresh memory."""
-        here, goal = self.batch.node_positions, self.batch.node_targets
-        return _pack(here, self.batch.node_velocities, goal, goal - here, self.batch.actuators, _time_left(self.batch))
+        batch = self.batch
+        unit, actuators = CLOSE * batch.scene.lattice.diagonal, batch.actuators
+        out = np.empty((batch.copies, 12 * len(batch.nodes) + actuators.shape[1] + 1), np.float32)
+        rows = (part.reshape(batch.copies, -1) for part in (batch.positions, batch.velocities, batch.target))
+        glance.observe()(*rows, batch.nodes, unit, actuators, _time_left(batch)[:, 0], LIMIT, out)
+        return out
 
     def terms(self, outcome: Outcome, observation: Observation) -> dict[str, Array]:
         """Named terms that sum to the rewards."""

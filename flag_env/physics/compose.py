@@ -231,7 +231,12 @@ def _make_run() -> Callable[..., Any]:
 
 def compiled_run(method: Any, effects: tuple[Any, ...]) -> Callable[..., None]:
     """Entry point that advances many copies by many steps, for a method and effects of these types; kept on disk."""
-    return _run_for(_foreign_sources(tuple(type(bound).__module__ for bound in (method, *effects))))
+    return _run_for_modules(tuple([type(bound).__module__ for bound in (method, *effects)]))
+
+
+@cache
+def _run_for_modules(modules: tuple[str, ...]) -> Callable[..., Any]:
+    return _run_for(_foreign_sources(modules))
 
 
 @cache

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from flag_env.physics import validate
 
 
 def rotation(tilt: NDArray[np.float64], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -23,3 +25,13 @@ def mast_points(
 ) -> NDArray[np.float64]:
     """Points fixed to n masts [m], shape (n, points, 3), for `rest` (points, 3) and poses (n, 3), (n, 2), (n,)."""
     return np.asarray(np.einsum("nij,pj->npi", rotation(tilt, yaw), rest) + position[:, None])
+
+
+def mast_poses(
+    copies: int, position: ArrayLike, tilt: ArrayLike, yaw: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Poses of each copy's mast, (copies, 3), (copies, 2), (copies,), from those of each or of all; ValueError unless finite."""
+    position = np.broadcast_to(validate.array("position", position, (3,), (copies, 3)), (copies, 3))
+    tilt = np.broadcast_to(validate.array("tilt", tilt, (2,), (copies, 2)), (copies, 2))
+    yaw = np.broadcast_to(validate.array("yaw", yaw, (), (copies,)), (copies,))
+    return position, tilt, yaw

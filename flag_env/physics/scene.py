@@ -27,7 +27,7 @@ class Scene:
     lattice
         The particles.
     effects
-        The effects, at most one of a kind. Nothing else is simulated.
+        The effects, at most one of a kind. Nothing else is simulated. Those that keep things apart go to the end.
     integrator
         The method; `Leapfrog()` unless told.
     timestep
@@ -113,7 +113,7 @@ def _effects(effects: Iterable[Any]) -> tuple[Effect, ...]:
     doubled = sorted({kind for kind in kinds if kinds.count(kind) > 1})
     if doubled:
         raise ValueError(f"effects must hold at most one effect of a kind, got several of {', '.join(doubled)}")
-    return result
+    return tuple(sorted(result, key=lambda effect: effect.rank))
 
 
 def _dtype(value: Any) -> str:

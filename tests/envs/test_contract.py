@@ -157,7 +157,7 @@ def test_a_diverged_flag_ends_the_episode_with_finite_numbers(make):
     env = make()
     env.reset(seed=0)
     simulator = env.unwrapped.simulator
-    simulator.set_velocities(np.full(simulator.velocities.shape, 1e300))
+    simulator.set_velocities(np.full(simulator.velocities.shape, 1e30))
     observation, reward, terminated, _, info = env.step(np.zeros(env.action_space.shape, np.float32))
     assert terminated is True
     assert info["diverged"] is True

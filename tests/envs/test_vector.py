@@ -41,7 +41,7 @@ def test_equals_single_environments(env_id, control, mode):
     for number, action in enumerate(actions(ours, 20)):
         if number == 3:
             velocities = ours.unwrapped.simulator.velocities
-            velocities[1] = 1e300
+            velocities[1] = 1e30
             ours.unwrapped.simulator.set_velocities(velocities)
             for copy, env in enumerate(theirs.envs):
                 env.unwrapped.simulator.set_velocities(velocities[copy])

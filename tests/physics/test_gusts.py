@@ -9,7 +9,7 @@ import pytest
 from flag_env.physics import Lattice, Scene, Simulator
 from flag_env.physics.effects import AirDrag, CosineWind, Gusts, Structural
 from flag_env.physics.effects.base import Setting
-from flag_env.physics.effects.gusts import advance_turbulence, filter_coefficients
+from flag_env.physics.effects.turbulence import advance_turbulence, filter_coefficients
 from flag_env.physics.jit import jit
 
 MOTE = Lattice(1, 1, 1, mass=0.02, pinned="none")

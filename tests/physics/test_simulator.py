@@ -389,12 +389,24 @@ def test_placing_a_diverged_copy_anew_revives_it():
 @pytest.mark.parametrize("field", ["positions", "velocities"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_a_bad_number_in_a_state_is_caught(field, bad, dtype):
+def test_a_bad_number_in_a_state_is_refused_and_changes_nothing(field, bad, dtype):
     sim = Simulator(windy(dtype), copies=2)
+    sim.step(3)
     state = sim.get_state()
     array = getattr(state, field).copy()
     array[1, 2, 23] = bad
-    sim.set_state(dataclasses.replace(state, **{field: array}))
+    with pytest.raises(ValueError, match="state must be finite"):
+        sim.set_state(dataclasses.replace(state, **{field: array}))
+    for before, after in zip(state.arrays(), sim.get_state().arrays(), strict=True):
+        np.testing.assert_array_equal(after, before)
+
+
+@pytest.mark.parametrize("field", ["_x", "_v"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_bad_number_that_arises_is_caught(field, bad, dtype):
+    sim = Simulator(windy(dtype), copies=2)
+    getattr(sim, field)[1, 2, 23] = bad
     with pytest.raises(Diverged) as caught:
         sim.step(1)
     assert caught.value.copy == 1

@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 
 from flag_env.physics import validate
 from flag_env.physics.effects.base import Setting, Wind
-from flag_env.physics.effects.gusts import BoundGusts, Gusts, advance_phase, advance_turbulence, air_of_columns, uniform_air
+from flag_env.physics.effects.gusts import BoundGusts, Gusts, advance_phase, air_of_columns, uniform_air
+from flag_env.physics.effects.turbulence import advance_turbulence
 from flag_env.physics.jit import jit, kernel
 from flag_env.physics.lattice import Lattice
 

@@ -67,9 +67,12 @@ class Effect:
     ----------
     binds_last
         Whether it acts on the arrays of other effects, and so is bound after them.
+    rank
+        A scene holds its effects by rank, those of one rank as given: who moves particles last has the last word.
     """
 
     binds_last: ClassVar[bool] = False
+    rank: ClassVar[int] = 0
 
     def check(self, lattice: Lattice) -> None:
         """Raise ValueError if the effect makes no sense on the lattice."""

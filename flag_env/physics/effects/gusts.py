@@ -26,11 +26,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from flag_env.physics import validate
 from flag_env.physics.effects.base import Setting, Wind
+from flag_env.physics.effects.turbulence import Turbulence, advance_turbulence, filter_coefficients, stationary_past
 from flag_env.physics.jit import jit, kernel
 from flag_env.physics.lattice import Lattice
 
@@ -39,38 +39,6 @@ FOOT = 0.3048
 
 _STREAM = 0x67757374
 """Keeps the gusts' stream apart from the one that a copy's start is drawn from."""
-
-_GOLDEN, _MIX_1, _MIX_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-_S11, _S27, _S30, _S31 = np.uint64(11), np.uint64(27), np.uint64(30), np.uint64(31)
-_ULP = 2.0**-53
-
-_STATIONARY = np.linalg.cholesky(np.array([[0.5, 0.25], [0.25, 0.25]]))
-"""Root of the covariance of (x1, x2) in units of sqrt(T)."""
-
-
-@jit
-def _uniform(generator, copy):
-    """Next number of a copy's stream, 0 <= number < 1 (splitmix64)."""
-    z = generator[copy, 0] + _GOLDEN
-    generator[copy, 0] = z
-    z = (z ^ (z >> _S30)) * _MIX_1
-    z = (z ^ (z >> _S27)) * _MIX_2
-    return np.float64((z ^ (z >> _S31)) >> _S11) * _ULP
-
-
-@jit
-def advance_turbulence(bound, copy):
-    """Draw the turbulence of the next step and move the ring's head on to it."""
-    head = (bound.head[copy, 0] + 1) % bound.history.shape[2]
-    for i in range(3):
-        radius = math.sqrt(-2.0 * math.log(1.0 - _uniform(bound.generator, copy)))
-        angle = 2.0 * math.pi * _uniform(bound.generator, copy)
-        e1, e2 = radius * math.cos(angle), radius * math.sin(angle)
-        c, level = bound.filter[copy, i], bound.level[copy, i]
-        level[1] = c[1] * level[0] + c[2] * level[1] + c[4] * e1 + c[5] * e2
-        level[0] = c[0] * level[0] + c[3] * e1
-        bound.history[copy, i, head] = c[6] * level[0] + c[7] * level[1]
-    bound.head[copy, 0] = head
 
 
 @jit
@@ -181,18 +149,6 @@ class BoundGusts(NamedTuple):
         advance_turbulence(bound, copy)
 
 
-class Turbulence(NamedTuple):
-    """The part of `BoundGusts` that is turbulence, in its order."""
-
-    delay: NDArray[Any]
-    per_second: Any
-    filter: NDArray[np.float64]
-    level: NDArray[np.float64]
-    history: NDArray[np.float64]
-    head: NDArray[np.int64]
-    generator: NDArray[np.uint64]
-
-
 @dataclass(frozen=True)
 class Gusts(Wind):
     """A turbulent wind that pushes every particle in proportion to its mass.
@@ -287,7 +243,7 @@ class Gusts(Wind):
             random = np.random.default_rng((setting.seed, copy, _STREAM))
             generator[copy] = random.integers(2**64, dtype=np.uint64)
             for axis in range(3):
-                past = _past(coefficients[axis], random.standard_normal((2, length)))
+                past = stationary_past(coefficients[axis], random.standard_normal((2, length)))
                 level[copy, axis] = past[:, -1]
                 history[copy, axis] = coefficients[axis, 6:] @ past
         number = setting.dtype.type
@@ -302,41 +258,3 @@ class Gusts(Wind):
         mean, amplitude, frequency, phase = (np.tile(np.array(value), (setting.copies, 1)) for value in values)
         axes = np.array(setting.lattice.axes)
         return BoundGusts(axes, push, mean, amplitude, frequency, phase, *self.turbulence(setting))
-
-
-def filter_coefficients(step: float, lateral: bool, intensity: float) -> NDArray[np.float64]:
-    """Exact transition, noise and output (p11, p21, p22, n11, n21, n22, o1, o2) of a filter for a step in units of T."""
-    # x2 is scaled by 1/step, the noise by 1/sqrt(step): every entry is of order one, and none is lost however short the step
-    system = np.array([[-step, 0.0], [1.0, -step]])
-    transition = scipy.linalg.expm(system)
-    if step < 1.0:
-        block = scipy.linalg.expm(np.block([[-system, np.diag([1.0, 0.0])], [np.zeros((2, 2)), system.T]]))
-        covariance = transition @ block[:2, 2:]
-    else:  # where the block would overflow nothing cancels
-        kept = _STATIONARY @ _STATIONARY.T / np.outer([1.0, step], [1.0, step]) / step
-        covariance = kept - transition @ kept @ transition.T
-    noise = math.sqrt(step) * np.linalg.cholesky(0.5 * (covariance + covariance.T))
-    output = (math.sqrt(3.0), 1.0 - math.sqrt(3.0)) if lateral else (math.sqrt(2.0), 0.0)
-    return np.array(
-        [transition[0, 0], step * transition[1, 0], transition[1, 1], noise[0, 0], step * noise[1, 0], step * noise[1, 1]]
-        + [intensity * weight for weight in output]
-    )
-
-
-def _past(coefficients: ArrayLike, noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Stationary states (2, length) of a filter driven by `noise`: two recursions, each a bidiagonal system."""
-    p11, p21, p22, n11, n21, n22, *_ = np.asarray(coefficients)
-    start = _STATIONARY @ noise[:, 0]
-    first, second = n11 * noise[0], n21 * noise[0] + n22 * noise[1]
-    first[0] = start[0]
-    first = _recursion(p11, first)
-    second[0] = start[1]
-    second[1:] += p21 * first[:-1]
-    return np.stack([first, _recursion(p22, second)])
-
-
-def _recursion(factor: float, drive: NDArray[np.float64]) -> NDArray[np.float64]:
-    """y[k] = factor y[k-1] + drive[k]."""
-    bands = np.ones((2, len(drive)))
-    bands[1] = -factor
-    return np.asarray(scipy.linalg.solve_banded((1, 0), bands, drive))

@@ -20,7 +20,7 @@ Collisions, Contact and Friction for Cloth Animation, SIGGRAPH 2002, section 4 (
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -173,6 +173,8 @@ class MastCollision(Effect):
     restitution
         Share of the approach velocity with which a particle leaves, 0 to 1.
     """
+
+    rank: ClassVar[int] = 2
 
     radius: float = 0.02
     below: float = 1.0
