@@ -7,8 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-import scipy.integrate
-import scipy.sparse
 
 from flag_env.physics import Diverged, Lattice, Scene, Simulator, max_timestep, presets
 from flag_env.physics.effects import AirDrag, CosineWind, Gravity, Shear, Structural
@@ -17,6 +15,7 @@ from flag_env.physics.integrators.banded import factorise, improve
 from flag_env.physics.integrators.rk4 import POLYGON
 from flag_env.physics.jit import jit
 from flag_env.physics.stability import SceneSpectrum
+from flag_env.studies import reference
 
 METHODS = [  # a new integrator joins with one line
     ExplicitEuler(),
@@ -32,7 +31,7 @@ REVERSIBLE = [Leapfrog("half_kick"), LFAB(), Strang()]
 every_method = pytest.mark.parametrize("method", METHODS, ids=repr)
 
 
-# -- a smooth scene and its solution, written without the package's kernels --------------------------------------------------
+# -- a smooth scene, whose solution comes from `studies.reference` --------------------------------------------------
 
 DAMPING = {
     "none": (0.0, "isotropic", 0.0),
@@ -66,58 +65,15 @@ def beginning(scene):
     return x, v
 
 
-def right_hand_side(scene, damping):
-    """y' of y = (x, v) of all particles in NumPy; pinned ones move evenly by `MAST` within `END`."""
-    rows, cols = scene.lattice.rows, scene.lattice.cols
-    viscosity, kind, drag = DAMPING[damping]
-    share = 1 - 0.6 * np.arange(cols) / (cols - 1)
-    links = []
-    for r in range(rows):
-        for c in range(cols):
-            for dr, dc, k, z, tapered in (
-                (0, 1, 12.0, 1, False),
-                (1, 0, 12.0, 1, False),
-                (1, 1, 5.0, 0.5, True),
-                (1, -1, 5.0, 0.5, True),
-            ):
-                if r + dr < rows and 0 <= c + dc < cols:
-                    w = (share[c] + share[c + dc]) / 2 if tapered else 1.0
-                    links.append(
-                        (r * cols + c, (r + dr) * cols + c + dc, math.hypot(0.1 * dc, 0.12 * dr), w * k, w * z * viscosity)
-                    )
-    first, second, length, k, z = (np.array(column) for column in zip(*links, strict=True))
-    mass = np.tile(0.02 * share, rows)[:, None]
-    free = np.arange(rows * cols) % cols > 0
-
-    def slope(t, y):
-        x, v = y.reshape(2, -1, 3)
-        v = np.where(free[:, None], v, MAST / END)
-        apart, rate = x[second] - x[first], v[second] - v[first]
-        d = np.linalg.norm(apart, axis=1)
-        if kind == "axial":
-            rate = ((apart * rate).sum(axis=1) / d**2)[:, None] * apart
-        pull = (k * (1 - length / d))[:, None] * apart + z[:, None] * rate
-        f = np.array([0.02, 0.0, 0.05]) + np.array([0.05, 0.1, 0.04]) * np.cos(
-            np.array([0.3, 0.0, 1.0]) + np.array([5.0, 7.0, 3.0]) * t
-        )
-        f = f - drag * mass * v - 9.81 * mass * np.array([0, 0, 1.0])
-        np.add.at(f, first, pull)
-        np.add.at(f, second, -pull)
-        return np.stack([v, np.where(free[:, None], f / mass, 0.0)]).ravel()
-
-    return slope
-
-
 @pytest.fixture(scope="module")
 def solution():
     """Free particles' positions and velocities at `END`, by kind of damping."""
     found = {}
     for damping in DAMPING:
-        scene = smooth(damping)
-        start = np.stack(beginning(scene)).ravel()
-        result = scipy.integrate.solve_ivp(right_hand_side(scene, damping), (0, END), start, "DOP853", rtol=1e-11, atol=1e-13)
-        assert result.success
-        found[damping] = result.y[:, -1].reshape(2, 3, 4, 3)[:, :, 1:]
+        x, v = beginning(smooth(damping))
+        v[:, :, 0] = MAST / END
+        end = reference.solve(smooth(damping), [END], x, v)
+        found[damping] = np.concatenate([end.positions, end.velocities])[:, 0, :, 1:]
     return found
 
 
