@@ -60,35 +60,6 @@ def advance(effects: Any, copy: int, seconds: float) -> None:
             bound.advance(bound, copy, seconds)
 
 
-@overload(forces, jit_options=_OPTIONS, strict=False)
-def _compile_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
-    def run(effects, copy, x, v, f, scratch, lag):
-        for d in range(f.shape[0]):
-            _clear(f[d], f.shape[1])
-        _add_forces(effects, copy, x, v, f, scratch, lag)
-
-    return run
-
-
-def _add_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> None:
-    """Compiled only: the first effect's force, then the others'."""
-
-
-@overload(_add_forces, jit_options=_OPTIONS, strict=False)
-def _compile_add_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
-    if not len(effects):
-        return lambda effects, copy, x, v, f, scratch, lag: None
-    force = getattr(effects.types[0].instance_class, "force", None)
-    if force is None:
-        return lambda effects, copy, x, v, f, scratch, lag: _add_forces(effects[1:], copy, x, v, f, scratch, lag)
-
-    def run(effects, copy, x, v, f, scratch, lag):
-        force(effects[0], copy, x, v, f, scratch, lag)
-        _add_forces(effects[1:], copy, x, v, f, scratch, lag)
-
-    return run
-
-
 def project(effects: Any, copy: int, x: Any, v: Any, scratch: Any, inverse_mass: Any, seconds: float) -> None:
     """Let the effects correct positions and velocities after a step."""
     for bound in effects:
@@ -96,36 +67,33 @@ def project(effects: Any, copy: int, x: Any, v: Any, scratch: Any, inverse_mass:
             bound.project(bound, copy, x, v, scratch, inverse_mass, seconds)
 
 
+def _in_turn(hook: str, effects: Any, arguments: str, *first: str) -> Any:
+    """Function of `effects` and the arguments: lines of code `first`, then a direct call of each effect's hook, if it has one.
+
+    Written out, not nested: the compiler would optimise and emit an inner call anew for each call around it.
+    """
+    kinds = [bound.instance_class for bound in effects.types]
+    names = {f"hook_{i}": getattr(kind, hook) for i, kind in enumerate(kinds) if hasattr(kind, hook)}
+    calls = [f"{name}(effects[{name.removeprefix('hook_')}], {arguments})" for name in names]
+    names["clear"] = _clear
+    exec("\n    ".join([f"def run(effects, {arguments}):", *first, *calls, "return"]), names)
+    return names["run"]
+
+
+@overload(forces, jit_options=_OPTIONS, strict=False)
+def _compile_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
+    clear = "for d in range(f.shape[0]): clear(f[d], f.shape[1])"
+    return _in_turn("force", effects, "copy, x, v, f, scratch, lag", clear)
+
+
 @overload(project, jit_options=_OPTIONS, strict=False)
 def _compile_project(effects: Any, copy: int, x: Any, v: Any, scratch: Any, inverse_mass: Any, seconds: float) -> Any:
-    if not len(effects):
-        return lambda effects, copy, x, v, scratch, inverse_mass, seconds: None
-    correct = getattr(effects.types[0].instance_class, "project", None)
-    if correct is None:
-        return lambda effects, copy, x, v, scratch, inverse_mass, seconds: project(
-            effects[1:], copy, x, v, scratch, inverse_mass, seconds
-        )
-
-    def run(effects, copy, x, v, scratch, inverse_mass, seconds):
-        correct(effects[0], copy, x, v, scratch, inverse_mass, seconds)
-        project(effects[1:], copy, x, v, scratch, inverse_mass, seconds)
-
-    return run
+    return _in_turn("project", effects, "copy, x, v, scratch, inverse_mass, seconds")
 
 
 @overload(advance, jit_options=_OPTIONS, strict=False)
 def _compile_advance(effects: Any, copy: int, seconds: float) -> Any:
-    if not len(effects):
-        return lambda effects, copy, seconds: None
-    move = getattr(effects.types[0].instance_class, "advance", None)
-    if move is None:
-        return lambda effects, copy, seconds: advance(effects[1:], copy, seconds)
-
-    def run(effects, copy, seconds):
-        move(effects[0], copy, seconds)
-        advance(effects[1:], copy, seconds)
-
-    return run
+    return _in_turn("advance", effects, "copy, seconds")
 
 
 def _step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
@@ -134,10 +102,7 @@ def _step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
 
 @overload(_step, jit_options=_OPTIONS, strict=False)
 def _compile_step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
-    step = method.instance_class.step
-    return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: step(
-        method, effects, copy, x, v, memory, f, scratch, work, inverse_mass
-    )
+    return method.instance_class.step.py_func
 
 
 def _start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
@@ -147,12 +112,9 @@ def _start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
 
 @overload(_start, jit_options=_OPTIONS, strict=False)
 def _compile_start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
-    start = getattr(method.instance_class, "start", None)
-    if start is None:
-        return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: None
-    return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: start(
-        method, effects, copy, x, v, memory, f, scratch, work, inverse_mass
-    )
+    if hasattr(method.instance_class, "start"):
+        return method.instance_class.start.py_func
+    return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: None
 
 
 def _velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
@@ -161,10 +123,7 @@ def _velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mas
 
 @overload(_velocity, jit_options=_OPTIONS, strict=False)
 def _compile_velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
-    velocity = method.instance_class.velocity
-    return lambda method, effects, copy, x, v, memory, f, scratch, work, inverse_mass: velocity(
-        method, effects, copy, x, v, memory, f, scratch, work, inverse_mass
-    )
+    return method.instance_class.velocity.py_func
 
 
 @kernel

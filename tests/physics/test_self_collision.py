@@ -396,6 +396,19 @@ def test_a_state_continues_to_the_bit():
     np.testing.assert_array_equal((unbroken.positions, unbroken.velocities), ends[0])
 
 
+def test_the_state_of_a_start_can_be_set():
+    many, one = Simulator(COLLIDING, copies=2), Simulator(COLLIDING)
+    start = one.get_state()
+    for sim in (many, one):
+        gale(sim)
+        sim.step(100)
+    end = one.positions[0]
+    many.set_state(start, copies=[1])
+    gale(many)
+    many.step(100)
+    np.testing.assert_array_equal(many.positions[1], end)
+
+
 def test_one_copy_of_a_state_continues_in_any_place():
     many = Simulator(COLLIDING, copies=2)
     gale(many)

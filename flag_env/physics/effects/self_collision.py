@@ -248,9 +248,9 @@ class SelfCollision(Effect):
         thickness, skin = self.reach(lattice), SKIN * max(lattice.steps[:2])
         room = min(n * (n - 1) // 2, ROOM * n)
         code, free = codes(lattice.shape, _neighbours(lattice))
-        reference = np.full((copies, 3, n), np.nan, dtype)  # equal to nothing: the first step makes the list
+        rest = np.ascontiguousarray(lattice.rest_positions.reshape(-1, 3).T, dtype)
         return BoundSelfCollision(
-            rest=np.ascontiguousarray(lattice.rest_positions.reshape(-1, 3).T, dtype),
+            rest=rest,
             thickness=number(thickness),
             share=number(SHARE),
             bounce=number(1 + self.restitution),
@@ -262,8 +262,8 @@ class SelfCollision(Effect):
             code=code,
             free=free,
             blocks=blocks_of(lattice, dtype),
-            reference=reference,
-            listed=reference.copy(),
+            reference=np.tile(rest, (copies, 1, 1)),
+            listed=np.full((copies, 3, n), np.nan, dtype),  # equal to nothing: the first step makes the list
             pairs=np.zeros((copies, 2, room), np.uint32),
             listed_pairs=np.zeros(copies, np.int64),
             start=np.zeros((copies, table_size(n) + 1), np.uint32),
