@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from flag_env.physics.effects.base import Effect
 from flag_env.physics.integrators.base import Integrator
 from flag_env.physics.integrators.leapfrog import Leapfrog
 from flag_env.physics.lattice import Lattice
+
+if TYPE_CHECKING:
+    from flag_env.physics.tuning import Description
 
 DTYPES = ("float64", "float32")
 
@@ -98,6 +101,33 @@ class Scene:
         stiffness = validate.number("stiffness", stiffness, minimum=0.0)
         viscosity = validate.number("viscosity", viscosity, minimum=0.0)
         return self.replace(effects=tuple(effect.scaled(stiffness, viscosity) for effect in self.effects))
+
+    def tuned(self, accuracy: str | float) -> Scene:
+        """A new scene, as cheap as may be at an accuracy.
+
+        Parameters
+        ----------
+        accuracy
+            A number [m], > 0: integrator, timestep and dtype are the cheapest whose integration error stays below it over the
+            first second (RMS over the particles), found by a calibration of about a second that is remembered. It holds for
+            the scene's own motion from its start; a pose set by hand or a wilder mast may cost more. Or a recipe: "fast" (a
+            plain cloth on a lattice half as fine), "balanced" or "reference"; see `flag_env.physics.tuning`.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `accuracy` is neither; if a number is out of reach, or the scene holds an effect, such as a collision, for which
+            integrators have no order of accuracy.
+        """
+        from flag_env.physics import tuning  # it runs the scene, which a scene alone cannot
+
+        return tuning.tuned(self, accuracy)
+
+    def describe(self) -> Description:
+        """Expected integration error, cost of a simulated second, step limit and what sets it; `print` it. Runs the scene."""
+        from flag_env.physics import tuning
+
+        return tuning.describe(self)
 
 
 def _effects(effects: Iterable[Any]) -> tuple[Effect, ...]:

@@ -247,6 +247,11 @@ class AirPressure(Wind):
         if self.gusts is not None and not isinstance(self.gusts, Gusts):
             raise TypeError(f"gusts must be a Gusts or None, got {self.gusts!r}")
 
+    @property
+    def smooth(self) -> bool:
+        """Unless the air is turbulent."""
+        return self.gusts is None or self.gusts.smooth
+
     def check(self, lattice: Lattice) -> None:
         """Triangles need three dimensions, two rows and two columns."""
         if lattice.dimensions != 3 or min(lattice.rows, lattice.cols) < 2:

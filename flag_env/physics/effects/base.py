@@ -81,6 +81,11 @@ class Effect:
         """Arrays and typed scalars for the compiled step, as a NamedTuple whose type carries the kernels."""
         raise NotImplementedError(f"{type(self).__name__} must define bind(setting)")
 
+    @property
+    def smooth(self) -> bool:
+        """Whether its force is a function of pose, motion and time that leaves integrators their order of accuracy."""
+        return True
+
     def link_terms(self, lattice: Lattice) -> tuple[LinkTerm, ...]:
         """Bounds of the effect's link stiffness and damping; empty for effects without links."""
         del lattice

@@ -197,6 +197,11 @@ class Gusts(Wind):
         object.__setattr__(self, "rate", validate.number("rate", self.rate, minimum=0.0))
         validate.choice("spectrum", self.spectrum, ("dryden", "ou"))
 
+    @property
+    def smooth(self) -> bool:
+        """Every timestep draws a turbulence of its own; without intensity there is none."""
+        return not np.any(self.intensity)
+
     @classmethod
     def low_altitude(cls, height: float, wind: float, rate: float = 1.5) -> Gusts:
         """Dryden turbulence of MIL-F-8785C near the ground, in a mean wind along x.

@@ -188,6 +188,11 @@ class MastCollision(Effect):
         if self.restitution > 1:
             raise ValueError(f"restitution must be at most 1, got {self.restitution!r}")
 
+    @property
+    def smooth(self) -> bool:
+        """Contact begins and ends."""
+        return False
+
     def check(self, lattice: Lattice) -> None:
         """There must be a mast, and at rest the free particles must stand outside it."""
         if lattice.dimensions != 3:

@@ -232,6 +232,11 @@ class SelfCollision(Effect):
         if self.restitution > 1:
             raise ValueError(f"restitution must be at most 1, got {self.restitution!r}")
 
+    @property
+    def smooth(self) -> bool:
+        """Contact begins and ends."""
+        return False
+
     def check(self, lattice: Lattice) -> None:
         """Cloth that moves in its plane has no sides to touch with."""
         if lattice.dimensions != 3:

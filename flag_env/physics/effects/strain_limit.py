@@ -124,6 +124,11 @@ class StrainLimit(Effect):
         object.__setattr__(self, "stretch", validate.number("stretch", self.stretch, minimum=0.0))
         object.__setattr__(self, "iterations", validate.count("iterations", self.iterations))
 
+    @property
+    def smooth(self) -> bool:
+        """It moves particles once a step, by how far the step has taken them."""
+        return False
+
     def limits(self, lattice: Lattice) -> NDArray[np.float64]:
         """Longest length in the scene's coordinates of a link of each structural family [m]."""
         longest = np.array([(1 + self.stretch) * family.length for family in lattice.families(*Structural.steps)])

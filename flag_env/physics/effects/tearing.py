@@ -169,6 +169,11 @@ class Tearing(Effect):
     def __post_init__(self) -> None:
         object.__setattr__(self, "strain", validate.number("strain", self.strain, above=0.0))
 
+    @property
+    def smooth(self) -> bool:
+        """A link breaks at the end of a step."""
+        return False
+
     def bind(self, setting: Setting) -> BoundTearing:
         """Give every copy link weights of its own, in place of those that the effects share among copies."""
         lattice, dtype, bound = setting.lattice, setting.dtype, setting.bound

@@ -53,6 +53,11 @@ class Integrator:
 
     order: ClassVar[int]
 
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the forces in a step."""
+        return 1
+
     def limit(self, spectrum: Spectrum) -> float:
         """Largest stable timestep [s]; infinite where nothing limits it, 0 where no timestep is stable."""
         raise NotImplementedError(f"{type(self).__name__} must define limit(spectrum)")

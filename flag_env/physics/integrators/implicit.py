@@ -144,6 +144,11 @@ class Implicit(Integrator):
     def __post_init__(self) -> None:
         object.__setattr__(self, "iterations", validate.count("iterations", self.iterations))
 
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the forces in a step."""
+        return 2 * self.iterations
+
     def limit(self, spectrum: Spectrum) -> float:
         """Infinite."""
         del spectrum

@@ -91,6 +91,11 @@ class RK4(Integrator):
 
     order: ClassVar[int] = 4
 
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the forces in a step."""
+        return 4
+
     def limit(self, spectrum: Spectrum) -> float:
         """Largest h that keeps every mode inside the polygon [s]."""
         return min(spectrum.largest_step(*line) for line in POLYGON)

@@ -88,6 +88,11 @@ class Strang(Integrator):
     def __post_init__(self) -> None:
         object.__setattr__(self, "iterations", validate.count("iterations", self.iterations))
 
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the forces in a step."""
+        return self.iterations
+
     def limit(self, spectrum: Spectrum) -> float:
         """Root of the top eigenvalue of h^2 M^-1 K at 4 [s]."""
         return spectrum.largest_step(1.0, 0.0, 4.0)
