@@ -6,11 +6,14 @@ import time
 from pathlib import Path
 from typing import Any
 
-from gymnasium.vector import VectorEnv
-from stable_baselines3.common.callbacks import BaseCallback
+import numpy as np
+from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
+from stable_baselines3.common.vec_env import VecEnv
 
+from flag_env.envs.batch import EPISODE_STEPS
 from training import checkpoint
-from training.rollouts import Agent, rollout, summary
+from training.rollouts import summary
 
 
 class BetweenRollouts(BaseCallback):
@@ -36,25 +39,53 @@ class BetweenRollouts(BaseCallback):
         return self.model.num_timesteps >= self.model._total_timesteps
 
 
+class Evaluation(EvalCallback):
+    """SB3's evaluation without exploration, one episode an environment; keeps the distances of every step.
+
+    Parameters
+    ----------
+    envs
+        Environments to evaluate in.
+    """
+
+    def __init__(self, envs: VecEnv) -> None:
+        super().__init__(envs, n_eval_episodes=envs.num_envs, eval_freq=1, verbose=0, warn=False)
+        self.distances: NDArray[np.float64] = np.zeros((0, EPISODE_STEPS))
+
+    def begin(self) -> None:
+        """Ask for the same targets as every time, a target an environment."""
+        self.eval_env.set_options([{"target": target} for target in range(self.n_eval_episodes)])
+        self.distances = np.full((self.n_eval_episodes, EPISODE_STEPS), np.inf)  # infinite after a divergence
+        self._steps = np.zeros(self.n_eval_episodes, int)
+
+    def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
+        super()._log_success_callback(locals_, globals_)
+        copy, info = locals_["i"], locals_["info"]
+        if not info["diverged"]:
+            self.distances[copy, self._steps[copy]] = info["distance"]
+        self._steps[copy] += 1
+
+
 class Validation(BetweenRollouts):
     """Gathers the learning curve from episodes without exploration.
 
     Parameters
     ----------
     envs
-        Environments of the validation split.
-    targets
-        Number of targets; the same ones every time.
+        Environments of the validation split, each for one of its first targets.
     every
         Timesteps between two points of the curve.
     curve
         Points gathered so far.
     """
 
-    def __init__(self, envs: VectorEnv, targets: int, every: int, curve: list[dict[str, Any]]) -> None:
+    def __init__(self, envs: VecEnv, every: int, curve: list[dict[str, Any]]) -> None:
         super().__init__()
-        self._envs, self._targets, self._every = envs, targets, every
+        self._evaluation, self._every = Evaluation(envs), every
         self.curve = curve
+
+    def _init_callback(self) -> None:
+        self._evaluation.init_callback(self.model)
 
     def act(self) -> None:
         """Add a point if one is due; the first and the last always are."""
@@ -62,7 +93,9 @@ class Validation(BetweenRollouts):
         due = last < 0 or self.finished or self.num_timesteps // self._every > last // self._every
         if last == self.num_timesteps or not due:
             return
-        point = summary(rollout(Agent(self.model), self._envs, range(self._targets)))
+        self._evaluation.begin()
+        self._evaluation.on_step()
+        point = summary(self._evaluation.distances)
         self.curve.append({"timesteps": self.num_timesteps, **point})
         for name, value in point.items():
             if value is not None:

@@ -31,9 +31,9 @@ class Task:
         return gymnasium.make(self.env_id, control=self.control, level=self.level, split=split, **keywords)
 
 
-def training_envs(task: Task, count: int) -> VecEnv:
-    """Flags of the training split, for stable-baselines3; they can be pickled in mid-episode, which checkpoints rely on."""
-    return FlagSB3VecEnv(count, task.env_id, control=task.control, level=task.level, split="train")
+def learning_envs(task: Task, count: int, split: str) -> VecEnv:
+    """Flags of a split, for stable-baselines3; they can be pickled in mid-episode, which checkpoints rely on."""
+    return FlagSB3VecEnv(count, task.env_id, control=task.control, level=task.level, split=split)
 
 
 def evaluation_envs(task: Task, count: int, split: str) -> VectorEnv:

@@ -29,7 +29,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from training import checkpoint, hyperparameters, learning_curve
 from training.baselines import BASELINES
 from training.callbacks import Checkpoints, Validation
-from training.environments import Task, evaluation_envs, training_envs
+from training.environments import Task, learning_envs
 from training.evaluate import ALGORITHMS, evaluate, table
 from training.files import read_json, replacing, write_json
 from training.record import record
@@ -92,7 +92,7 @@ class Arguments:
 
 def start(arguments: Arguments, hyper: hyperparameters.Hyperparameters) -> BaseAlgorithm:
     """A model that has learnt nothing yet, in its environments."""
-    envs = VecMonitor(training_envs(arguments.task, hyper.n_envs))
+    envs = VecMonitor(learning_envs(arguments.task, hyper.n_envs, "train"))
     algorithm = ALGORITHMS[arguments.algo]
     return algorithm(hyper.policy, envs, seed=arguments.seed, device=arguments.device, **hyper.keywords())
 
@@ -111,8 +111,8 @@ def run(arguments: Arguments, callbacks: tuple[BaseCallback, ...] = ()) -> dict[
     model, gathered = loaded or (start(arguments, hyper), {"curve": [], "seconds": 0.0})
     curve = gathered["curve"]
     every = max(1, hyper.total_timesteps // arguments.validations)
-    validation_envs = evaluation_envs(task, arguments.validation_episodes, "validation")
-    validation = Validation(validation_envs, arguments.validation_episodes, every, curve)
+    validation_envs = VecMonitor(learning_envs(task, arguments.validation_episodes, "validation"))
+    validation = Validation(validation_envs, every, curve)
     checkpoints = Checkpoints(folder / "checkpoints", CHECKPOINT_EVERY[arguments.algo], curve, gathered["seconds"])
     learn(model, hyper.total_timesteps, [validation, checkpoints, *callbacks], folder, arguments.progress)
     seconds = round(checkpoints.seconds, 1)

@@ -45,12 +45,16 @@ class FlagSB3VecEnv(VecEnv):
 
     def reset(self) -> Any:
         """Start an episode of every flag, with the seeds and options that were set."""
-        options = [option or {} for option in self._options]
-        if any(option != options[0] for option in options):
-            raise ValueError(f"options must be the same for all flags, got {options}")
+        options = [dict(option or {}) for option in self._options]
         seeds = list(self._seeds)
-        observation, info = self.env.reset(seed=seeds, options=dict(options[0]))
-        self.reset_infos = [_single(info, copy) for copy in range(self.num_envs)]
+        if all(option == options[0] for option in options):
+            observation, info = self.env.reset(seed=seeds, options=options[0])
+            self.reset_infos = [_single(info, copy) for copy in range(self.num_envs)]
+        else:
+            for copy, option in enumerate(options):
+                mask = np.arange(self.num_envs) == copy
+                observation, info = self.env.reset(seed=seeds, options={"reset_mask": mask, **option})
+                self.reset_infos[copy] = _single(info, copy)
         self._reset_seeds()
         self._reset_options()
         return observation

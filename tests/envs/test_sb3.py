@@ -31,6 +31,17 @@ def test_equals_dummy_vec_env(env_id):
         assert same(ours.reset_infos, theirs.reset_infos)
 
 
+def test_each_flag_takes_options_of_its_own():
+    ours, theirs = FlagSB3VecEnv(3), DummyVecEnv([lambda: gymnasium.make("Flag-v0")] * 3)
+    for env in (ours, theirs):
+        env.seed(4)
+        env.set_options([{"target": 7}, {}, {"target": 2}])
+    assert same(ours.reset(), theirs.reset())
+    assert same(ours.reset_infos, theirs.reset_infos)
+    assert [info["target"] for info in ours.reset_infos][::2] == [7, 2]
+    assert same(ours.reset(), theirs.reset())  # options are for one reset
+
+
 def test_attributes_belong_to_one_copy():
     env = FlagSB3VecEnv(3)
     env.set_attr("note", "b", indices=1)

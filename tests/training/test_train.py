@@ -134,6 +134,12 @@ def test_total_timesteps_are_rounded_up_to_whole_rollouts(tiny):
     assert run(tiny(total_timesteps=130))["timesteps"] == 2 * ROLLOUT
 
 
+def test_the_learning_curve_ends_with_what_the_evaluation_finds(tiny):
+    arguments = tiny(total_timesteps=128, validation_episodes=3)
+    agent = run(arguments)["policies"]["agent"]
+    assert read_json(arguments.folder / "learning_curve.json")[-1] == {"timesteps": 128, **agent}
+
+
 def test_seeds_differ(tiny):
     one, other = tiny(total_timesteps=128), tiny(total_timesteps=128, seed=1)
     run(one)
