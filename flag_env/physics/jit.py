@@ -5,7 +5,10 @@ Three decorators, one set of flags (IEEE arithmetic, NumPy's error model, no GIL
 * `jit`: code that glues kernels together; its array arguments may overlap.
 * `kernel`: a loop over plain arrays. No array that it writes may overlap another argument. LLVM is told so (`noalias`), drops
   its run-time overlap checks and vectorises every loop: twice the speed on a small flag.
-* `cached`: an entry point whose machine code is kept on disk.
+* `cached`: an entry point whose machine code is kept on disk, even where effects from outside take part.
+
+What `jit` and `kernel` compile of the package's own is kept on disk too, so that a new combination of effects compiles only what
+joins them.
 
 No fast-math: additions keep their order and NaN keeps its meaning, so every machine computes the same bits.
 
@@ -20,12 +23,12 @@ import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterable
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, _CacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -43,12 +46,19 @@ class _NoAlias(CompilerBase):  # type: ignore[misc]
 
 def jit(function: F) -> F:
     """Compile glue code, whose array arguments may overlap."""
-    return numba.njit(error_model="numpy", nogil=True, _nrt=False)(function)  # type: ignore[no-any-return]
+    return _kept(numba.njit(error_model="numpy", nogil=True, _nrt=False)(function))  # type: ignore[no-any-return]
 
 
 def kernel(function: F) -> F:
     """Compile a loop none of whose written arrays overlaps another argument."""
-    return numba.njit(error_model="numpy", nogil=True, _nrt=False, pipeline_class=_NoAlias)(function)  # type: ignore[no-any-return]
+    return _kept(numba.njit(error_model="numpy", nogil=True, _nrt=False, pipeline_class=_NoAlias)(function))  # type: ignore[no-any-return]
+
+
+def _kept(dispatcher: Any) -> Any:
+    """The dispatcher, its machine code kept on disk if it belongs to this package."""
+    if Path(dispatcher.py_func.__code__.co_filename).is_relative_to(_PACKAGE):
+        dispatcher._cache = _SourceKeyedCache(dispatcher.py_func, ())
+    return dispatcher
 
 
 def cached(function: F, extra_sources: Iterable[Path] | None = ()) -> F:
@@ -61,13 +71,13 @@ def cached(function: F, extra_sources: Iterable[Path] | None = ()) -> F:
     extra_sources
         Source files outside `flag_env.physics` whose code is compiled in; None where they have no file: then nothing is kept.
     """
-    dispatcher = jit(function)
-    if extra_sources is not None and _cache_root() is not None:
-        function.__cache_key__ = source_digest(tuple(sorted(extra_sources)))  # type: ignore[attr-defined]
-        dispatcher._cache = _SourceKeyedCache(function)  # type: ignore[attr-defined]
-    return dispatcher
+    dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False)(function)
+    if extra_sources is not None:
+        dispatcher._cache = _SourceKeyedCache(function, tuple(sorted(extra_sources)))
+    return dispatcher  # type: ignore[no-any-return]
 
 
+@lru_cache
 def source_digest(extra: tuple[Path, ...] = ()) -> str:
     """Hexadecimal digest of the package's physics sources, of `extra` files and of the compiler's version."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
@@ -118,12 +128,32 @@ class _Locator(_CacheLocator):  # type: ignore[misc]
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
         del py_file
-        return cls(py_func.__cache_key__, py_func.__name__)
+        return cls(py_func.__cache_key__, f"{py_func.__module__}.{py_func.__code__.co_firstlineno}")
 
 
 class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes = [_Locator]  # noqa: RUF012  (Numba's name and type)
 
 
-class _SourceKeyedCache(FunctionCache):  # type: ignore[misc]
+class _Files(FunctionCache):  # type: ignore[misc]
     _impl_class = _Impl
+
+
+class _SourceKeyedCache(NullCache):  # type: ignore[misc]
+    """A function's cache, which touches no file before something is compiled; nothing is kept where no folder is writable."""
+
+    def __init__(self, function: Any, extra_sources: tuple[Path, ...]) -> None:
+        self._function, self._extra_sources = function, extra_sources
+
+    @cached_property
+    def _files(self) -> Any:
+        if _cache_root() is None:
+            return NullCache()
+        self._function.__cache_key__ = source_digest(self._extra_sources)
+        return _Files(self._function)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        return self._files.load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        self._files.save_overload(sig, cres)

@@ -2,19 +2,25 @@
 
 import re
 
+import numba
 import numpy as np
 import pytest
 
 from flag_env.physics import Lattice, Scene, Simulator, compose, effects, presets, simulator
-from flag_env.physics.jit import jit
 
 
-def machine_code(scene, monkeypatch) -> str:
-    """Assembly of the scene's step, compiled here and now."""
-    run = jit(compose._make_run())
+def compiled(scene, monkeypatch):
+    """The scene's step, compiled here and now, and the types of its arguments."""
+    run = numba.njit(error_model="numpy", nogil=True, _nrt=False)(compose._make_run())
     monkeypatch.setattr(simulator, "compiled_run", lambda method, bound: run)
     Simulator(scene).step(1)
     (signature,) = run.signatures
+    return run, signature
+
+
+def machine_code(scene, monkeypatch) -> str:
+    """Assembly of the scene's step."""
+    run, signature = compiled(scene, monkeypatch)
     return run.inspect_asm(signature)
 
 
@@ -48,7 +54,11 @@ FLAG = presets.flag(4, 5)
     ids=["gravity", "flag", "calm", "no springs", "rope", "float32"],
 )
 def test_machine_code(scene, present, absent, monkeypatch):
-    code = machine_code(scene, monkeypatch)
+    run, signature = compiled(scene, monkeypatch)
+    kinds = [kind.instance_class for kind in signature[1].types]
+    assert kinds == [type(bound) for bound in Simulator(scene)._effects]  # nothing else is handed over
+    assert len(kinds) == len(scene.effects)
+    code = run.inspect_asm(signature)
     assert [what for what in present if not has(code, what)] == []
     assert [what for what in absent if has(code, what)] == []
 
@@ -60,6 +70,26 @@ def test_each_effect_adds_code_of_its_own(monkeypatch):
         scene = scene.adding(effect)
         lengths.append(instructions(machine_code(scene, monkeypatch)))
     assert lengths == sorted(set(lengths))
+
+
+def test_a_rope_touches_one_coordinate_and_one_layer_no_cross_links():
+    """By what the compiled step reads: rows of coordinates poisoned beyond the first, and links that lead across layers."""
+    rope = Simulator(presets.rope(9))
+    assert rope._x.shape == rope._v.shape == (1, 1, 9)
+    rope._work[:] = np.nan
+    rope.step(10)
+    forces, scratch = rope._work[0, :2]
+    assert np.isfinite(forces[0]).all()
+    assert np.isfinite(scratch[0, :-1]).all()
+    assert np.isnan(forces[1:]).all()
+    assert np.isnan(scratch[1:]).all()
+
+    def crossing(scene):
+        offsets = [o for bound in Simulator(scene)._effects if hasattr(bound, "offset") for o in bound.offset]
+        return sum(offset >= scene.lattice.rows * scene.lattice.cols - scene.lattice.cols - 1 for offset in offsets)
+
+    assert crossing(FLAG) == 0
+    assert crossing(presets.two_layer_flag(4, 5)) == 5  # the strut and the four diagonals of a cube
 
 
 def arrays(value) -> list[np.ndarray]:
