@@ -20,7 +20,7 @@ from flag_env.physics.coordinates import Coordinates
 from flag_env.physics.effects.base import Setting
 from flag_env.physics.mast import mast_points, mast_poses
 from flag_env.physics.scene import Scene
-from flag_env.physics.stability import SceneSpectrum, max_timestep, timestep_of
+from flag_env.physics.stability import SceneSpectrum, limited_by, max_timestep, timestep_of
 from flag_env.physics.state import Diverged, State
 from flag_env.physics.threads import Threads, processors
 
@@ -162,6 +162,9 @@ class Simulator:
         to = list(range(self._copies)) if copies is None else [validate.count("copies", copy, minimum=0) for copy in copies]
         if any(copy >= self._copies for copy in to):
             raise ValueError(f"copies must be numbers from 0 to {self._copies - 1}, got {to}")
+        if copies is None:
+            validate.number("state.time", state.time, minimum=0.0)
+            self._scaled_scene(*state.scales)
         self._live_state().overwrite(to, state)
         if copies is None:
             if state.scales != self._scales:
@@ -226,13 +229,7 @@ class Simulator:
         ValueError
             If the timestep would exceed the changed scene's limit.
         """
-        scene = self._scene.scaled(stiffness_scale, viscosity_scale)
-        limit = max_timestep(scene)
-        if self._timestep > limit and not scene.allow_unstable:
-            raise ValueError(
-                f"stiffness_scale = {stiffness_scale:g} and viscosity_scale = {viscosity_scale:g} must keep the step limit above "
-                f"the timestep of {self._timestep:.6g} s; they lower it to {limit:.6g} s"
-            )
+        scene = self._scaled_scene(stiffness_scale, viscosity_scale)
         self._effects = rebind(self._scaled.effects, scene.effects, self._effects, self._setting())
         self._method = scene.integrator.bind(self._dtype, self._timestep, SceneSpectrum(scene.lattice, scene.effects))
         self._scaled, self._scales = scene, (float(stiffness_scale), float(viscosity_scale))
@@ -275,6 +272,18 @@ class Simulator:
         return diagnostics.energy(self._scene.lattice, self._scaled.effects, self._effects, self.positions, self.velocities)
 
     # -- inner ------------------------------------------------------------------------------------------------------------------
+
+    def _scaled_scene(self, stiffness_scale: float, viscosity_scale: float) -> Scene:
+        """The scene with links scaled; ValueError if the timestep would exceed its limit."""
+        scene = self._scene.scaled(stiffness_scale, viscosity_scale)
+        limit = max_timestep(scene)
+        if self._timestep > limit and not scene.allow_unstable:
+            raise ValueError(
+                f"stiffness_scale = {stiffness_scale:g} and viscosity_scale = {viscosity_scale:g} must keep the step limit above "
+                f"the timestep of {self._timestep:.6g} s; they lower it to {limit:.6g} s, set by {limited_by(scene)}; scale it "
+                "less, or make the simulator with a smaller timestep"
+            )
+        return scene
 
     def _setting(self) -> Setting:
         return Setting(self._scene.lattice, self._dtype, self._copies, self._timestep, self._seed, {})

@@ -9,7 +9,7 @@ and an integrator's limit for the linear problem M x'' + Z x' + K x = 0 is safe 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -30,15 +30,28 @@ AUTO = 0.9
 UNLIMITED = 1e-3
 """Automatic timestep where nothing limits it [s]: a scene without springs or damping."""
 
+_LOWERED = 0.99
+"""Factor by which a part of a scene is lowered to see its share in the step limit."""
+
 _DENSE = 60
 """Free particles up to which dense eigenvalues are quicker than Lanczos."""
 
 
 class SceneSpectrum:
-    """Mass-scaled stiffness and damping of a scene's free particles, bounded over all poses."""
+    """Mass-scaled stiffness and damping of a scene's free particles, bounded over all poses.
 
-    def __init__(self, lattice: Lattice, effects: tuple[Effect, ...]) -> None:
-        self._lattice, self._effects = lattice, effects
+    Parameters
+    ----------
+    lattice, effects
+        The scene's.
+    scales
+        Factors on stiffness and damping of effects, by their class; 1 where there is none.
+    """
+
+    def __init__(
+        self, lattice: Lattice, effects: tuple[Effect, ...], scales: Mapping[type[Effect], tuple[float, float]] | None = None
+    ) -> None:
+        self._lattice, self._effects, self._scales = lattice, effects, scales or {}
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
@@ -63,23 +76,25 @@ class SceneSpectrum:
     def _matrix(self, weight: Callable[[LinkTerm], NDArray[np.float64] | float], drag: bool = False) -> Any:
         laplacian = _Laplacian(self._lattice.size)
         for effect in self._effects:
+            scale = self._scales.get(type(effect), (1.0, 1.0))[drag]
             for term in effect.link_terms(self._lattice):
-                laplacian.add(term.family.offset, weight(term) * np.ones(len(term.stiffness)))
+                laplacian.add(term.family.offset, scale * weight(term) * np.ones(len(term.stiffness)))
             own = effect.drag(self._lattice) if drag else None
             if own is not None:
-                laplacian.diagonal += own
-        scale = scipy.sparse.diags_array(1.0 / np.sqrt(self.masses))
-        return scale @ laplacian.matrix(~self._lattice.fixed) @ scale
+                laplacian.diagonal += scale * own
+        roots = scipy.sparse.diags_array(1.0 / np.sqrt(self.masses))
+        return roots @ laplacian.matrix(~self._lattice.fixed) @ roots
 
     def largest_step(self, quadratic: float, linear: float, bound: float) -> float:
         """See `Spectrum`. Newton's iteration on h from above: with the top vector u of the last matrix, solve for h in
         quadratic h^2 u'Ku + linear h u'Zu = bound; u gives a lower bound of the eigenvalue, so h never falls below the root.
         """
-        if not self.stiffness.nnz and not self.damping.nnz:
+        if not (quadratic and self.stiffness.nnz) and not (linear and self.damping.nnz):
             return math.inf
         step, vector = 1.0, None
-        for _ in range(50):
-            vector = self._top_vector(quadratic * step**2 * self.stiffness + linear * step * self.damping, vector)
+        for turn in range(50):
+            matrix = quadratic * step**2 * self.stiffness + linear * step * self.damping
+            vector = self._top_vector(matrix, vector, 1e-8 if turn else 1e-3)
             a = quadratic * float(vector @ (self.stiffness @ vector))
             b = linear * float(vector @ (self.damping @ vector))
             if a == b == 0.0:
@@ -108,12 +123,12 @@ class SceneSpectrum:
         step = 1.0 / float(top)
         return step if step > 1e-4 * fastest else 0.0
 
-    def _top_vector(self, matrix: Any, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    def _top_vector(self, matrix: Any, start: NDArray[np.float64] | None, tolerance: float) -> NDArray[np.float64]:
         size = matrix.shape[0]
         if size <= _DENSE:
             vectors = scipy.linalg.eigh(matrix.toarray(), subset_by_index=(size - 1, size - 1))[1]
         else:
-            vectors = scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=self._start if start is None else start, tol=1e-8)[1]
+            vectors = scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=self._start if start is None else start, tol=tolerance)[1]
         return np.asarray(vectors[:, 0])
 
     @cached_property
@@ -162,6 +177,30 @@ def max_timestep(scene: Scene) -> float:
     return _limit(scene.lattice, scene.effects, scene.integrator)
 
 
+def limited_by(scene: Scene) -> str:
+    """What sets the step limit, such as "the stiffness of Shear": the part of the scene with the largest share in its top mode.
+
+    By first-order perturbation a share, v' K_e v of an effect e in the top mode v, is how much the limit rises when that part
+    alone is lowered a little; this holds for every integrator's limit.
+    """
+    rises: dict[str, float] = {}
+    for effect in scene.effects:
+        for part, scales in (("stiffness", (_LOWERED, 1.0)), ("damping", (1.0, _LOWERED))):
+            spectrum = SceneSpectrum(scene.lattice, scene.effects, {type(effect): scales})
+            rises[f"the {part} of {type(effect).__name__}"] = scene.integrator.limit(spectrum)
+    return max(rises, key=rises.__getitem__)
+
+
+def _undamped(scene: Scene) -> str:
+    """Effects of elastic links that are not damped along every direction."""
+    names = [
+        type(effect).__name__
+        for effect in scene.effects
+        if any(term.stiffness.any() and not (term.isotropic and term.viscosity.any()) for term in effect.link_terms(scene.lattice))
+    ]
+    return f" ({', '.join(names)})" if names else ""
+
+
 def timestep_of(scene: Scene) -> float:
     """The scene's timestep [s], "auto" resolved.
 
@@ -173,7 +212,8 @@ def timestep_of(scene: Scene) -> float:
     name, limit = type(scene.integrator).__name__, max_timestep(scene)
     if limit == 0.0 and (isinstance(scene.timestep, str) or not scene.allow_unstable):
         raise ValueError(
-            f"integrator {name} is unstable at every timestep on this scene: some motion is elastic but not damped; take another "
+            f"integrator {name} is unstable at every timestep on this scene: some motion is elastic but not damped"
+            f"{_undamped(scene)}; take another "
             "one, damp all links isotropically, or set a timestep and allow_unstable=True"
         )
     if isinstance(scene.timestep, str):
@@ -181,7 +221,7 @@ def timestep_of(scene: Scene) -> float:
         return AUTO * useful if math.isfinite(useful) else UNLIMITED
     if scene.timestep > limit and not scene.allow_unstable:
         raise ValueError(
-            f"timestep must not exceed the scene's limit of {limit:.6g} s for {name}, got "
-            f"{scene.timestep:.6g} s; take a smaller one or 'auto', soften or damp the links less, or set allow_unstable=True"
+            f"timestep must not exceed the scene's limit of {limit:.6g} s for {name}, set by {limited_by(scene)}, got "
+            f"{scene.timestep:.6g} s; take a smaller one or 'auto', lower {limited_by(scene)}, or set allow_unstable=True"
         )
     return scene.timestep

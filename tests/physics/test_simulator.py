@@ -401,6 +401,18 @@ def test_a_bad_number_in_a_state_is_refused_and_changes_nothing(field, bad, dtyp
         np.testing.assert_array_equal(after, before)
 
 
+@pytest.mark.parametrize("changed", [{"scales": (9.0, 1.0)}, {"scales": (np.nan, 1.0)}, {"time": np.inf}, {"time": np.nan}])
+def test_a_state_that_does_not_fit_the_timestep_is_refused_and_changes_nothing(changed):
+    sim = Simulator(windy())
+    sim.step(3)
+    state = sim.get_state()
+    sim.step(4)
+    before = bits(sim)
+    with pytest.raises(ValueError, match=r"stiffness|state\.time"):
+        sim.set_state(dataclasses.replace(state, **changed))
+    assert bits(sim) == before
+
+
 @pytest.mark.parametrize("field", ["_x", "_v"])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("dtype", DTYPES)

@@ -11,6 +11,8 @@ import scipy.linalg
 
 from flag_env.physics import Diverged, Lattice, Scene, Simulator, max_timestep, presets
 from flag_env.physics.effects import AirDrag, Bending, CosineWind, CrossLayer, Gravity, LinkEffect, Shear, Structural
+from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Leapfrog, Strang
+from flag_env.physics.stability import SceneSpectrum, limited_by
 
 DIRECTIONS = {  # independent of the effects' own lists
     Structural: [(0, 0, 1), (0, 1, 0)],
@@ -173,6 +175,47 @@ def test_a_step_above_the_limit_is_refused_by_name():
         Simulator(scene)
     assert f"{limit:.6g}" in str(caught.value)
     assert f"{1.001 * limit:.6g}" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (Structural(3e4, 0.01), "the stiffness of Structural"),
+        (Shear(3e4, 0.01), "the stiffness of Shear"),
+        (Bending(10.0, 9.0), "the damping of Bending"),
+        (AirDrag(1e5), "the damping of AirDrag"),
+    ],
+)
+def test_a_refusal_names_what_sets_the_limit(changed, named):
+    scene = presets.flag(4, 5).adding(changed)
+    for method in (Leapfrog(), LFAB(), RK4(), ExplicitEuler()):
+        one = scene.replace(integrator=method, timestep=2 * max_timestep(scene.replace(integrator=method)))
+        if not (isinstance(method, ExplicitEuler) and "stiffness" not in named):
+            with pytest.raises(ValueError, match=f"set by {named}.*lower {named}"):
+                Simulator(one)
+    with pytest.raises(ValueError, match="set by the"):
+        Simulator(scene).set_parameters(30.0, 30.0)
+
+
+def test_what_sets_the_limit_has_the_largest_share_of_the_top_mode():
+    """v' K_e v, from the eigenvector itself."""
+    for seed in range(6):
+        scene = random_scene(np.random.default_rng(seed)).replace(integrator=Strang())
+        spectrum = SceneSpectrum(scene.lattice, scene.effects)
+        values, vectors = np.linalg.eigh(spectrum.stiffness.toarray())
+        shares = {}
+        for effect in scene.effects:
+            alone = SceneSpectrum(scene.lattice, (effect,)).stiffness.toarray()
+            shares[f"the stiffness of {type(effect).__name__}"] = vectors[:, -1] @ alone @ vectors[:, -1]
+        assert sum(shares.values()) == pytest.approx(values[-1], rel=1e-9)
+        assert limited_by(scene) == max(shares, key=shares.get)
+
+
+def test_an_undamped_scene_has_a_limit_for_every_method():
+    """No damping at all on a lattice large enough for Lanczos."""
+    scene = presets.flag(8, 10, viscosity=0.0, drag=0.0)
+    explicit = max_timestep(scene.replace(integrator=Strang()))
+    assert max_timestep(scene.replace(integrator=RK4())) == pytest.approx(math.sqrt(2) * explicit, rel=1e-9)
 
 
 def test_automatic_step_is_nine_tenths_of_the_limit():
