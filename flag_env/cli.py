@@ -70,6 +70,18 @@ def flutter(output: Path = Path("runs/flutter"), quick: bool = False) -> None:
     run(output, quick)
 
 
+def stability(output: Path = Path("runs/stability"), quick: bool = False) -> None:
+    """Map which timesteps keep a flag stable, beside the limit that is known before it runs.
+
+    Args:
+        output: folder for stability.json and stability.png.
+        quick: coarser maps and fewer random scenes.
+    """
+    from flag_env.studies.stability import run
+
+    run(output, quick)
+
+
 def record(output: Path = Path("runs/scenes"), quick: bool = False) -> None:
     """Record every preset scene in motion, and a gallery of them.
 
@@ -89,6 +101,6 @@ def main() -> None:
     except ImportError:
         sys.exit('the flag-env command needs the extra "cli": pip install "flag_env[cli]"')
     tyro.extras.subcommand_cli_from_dict(
-        {"effects": effects, "flutter": flutter, "record": record, "speed": speed, "targets": targets},
+        {"effects": effects, "flutter": flutter, "record": record, "speed": speed, "stability": stability, "targets": targets},
         description="Studies and tools of flag_env.",
     )

@@ -1,6 +1,8 @@
 """Success of agents and baselines on every target of a split: `python -m training.evaluate runs/Flag-v0-ppo-0`.
 
-Loading a model unpickles it, which can run code: evaluate only models that you trust.
+Of a model, only the weights are read. A `model.zip` also holds pickled objects, and unpickling runs whatever code its author put
+there: `PPO.load` and `SAC.load` do it, this does not. The network is built from the hyperparameters in `arguments.json`, which
+are read as values, and PyTorch loads its weights with `weights_only`.
 """
 
 from __future__ import annotations
@@ -12,12 +14,15 @@ import torch
 import tyro
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.save_util import load_from_zip_file
 
 from flag_env.envs.batch import HOLD_STEPS
 from flag_env.tasks.targets import SIZES
 from training.baselines import BASELINES
-from training.environments import Task, evaluation_envs
+from training.environments import Task, evaluation_envs, training_envs
 from training.files import read_json, write_json
+from training.hyperparameters import Hyperparameters
 from training.rollouts import TOLERANCES, Agent, Policy, rollout, summary
 
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC}
@@ -55,11 +60,19 @@ def table(evaluation: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def load(folder: Path) -> tuple[Task, BaseAlgorithm]:
-    """Task and model of a finished training. Runs code that is stored in the model."""
-    arguments = read_json(folder / "arguments.json")["arguments"]
-    task = Task(arguments["env_id"], arguments["control"], arguments["level"])
-    return task, ALGORITHMS[arguments["algo"]].load(folder / "model.zip", device="cpu")
+def load(folder: Path) -> tuple[Task, BasePolicy]:
+    """Task and trained policy of a finished training; no stored code is run."""
+    description = read_json(folder / "arguments.json")
+    arguments, hyper = description["arguments"], Hyperparameters(**description["hyperparameters"])
+    task, algorithm = Task(arguments["env_id"], arguments["control"], arguments["level"]), ALGORITHMS[arguments["algo"]]
+    _, weights, _ = load_from_zip_file(folder / "model.zip", load_data=False, device="cpu")
+    envs = training_envs(task, 1)
+    kind = algorithm.policy_aliases[hyper.policy]
+    policy = kind(envs.observation_space, envs.action_space, lambda _: 0.0, **hyper.keywords().get("policy_kwargs", {}))
+    envs.close()
+    policy.load_state_dict(weights["policy"])
+    policy.set_training_mode(False)
+    return task, policy
 
 
 def main(
@@ -73,7 +86,7 @@ def main(
     """Evaluate trained agents and baselines on every target of a split.
 
     Args:
-        runs: folders of finished trainings, all of one task; a model can run code when it is loaded, so trust it first.
+        runs: folders of finished trainings, all of one task; only their weights are loaded.
         baselines: baselines to evaluate beside them.
         control: control of the baselines' task if there is no run.
         level: level of the baselines' task if there is no run.

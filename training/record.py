@@ -77,7 +77,7 @@ def main(
     """Film a trained agent on four targets.
 
     Args:
-        run: folder of a finished training; its model can run code when it is loaded, so trust it first.
+        run: folder of a finished training; only the weights of its model are loaded.
         targets: numbers of the targets in their split.
         split: where the targets are from.
         output: file to write, .gif or .mp4; agent.gif in the folder if not given.

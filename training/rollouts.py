@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.policies import BasePolicy
 
 from flag_env.envs.batch import EPISODE_STEPS, HOLD_STEPS
 
@@ -30,9 +31,9 @@ class Policy(Protocol):
 
 
 class Agent:
-    """A trained model, acting without exploration."""
+    """A trained model, or its policy alone, acting without exploration."""
 
-    def __init__(self, model: BaseAlgorithm) -> None:
+    def __init__(self, model: BaseAlgorithm | BasePolicy) -> None:
         self._model = model
 
     def begin(self, targets: NDArray[np.int64]) -> None:

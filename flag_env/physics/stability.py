@@ -128,7 +128,8 @@ class SceneSpectrum:
         if size <= _DENSE:
             vectors = scipy.linalg.eigh(matrix.toarray(), subset_by_index=(size - 1, size - 1))[1]
         else:
-            vectors = scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=self._start if start is None else start, tol=tolerance)[1]
+            first = self._start if start is None else start
+            vectors = scipy.sparse.linalg.eigsh(matrix, k=1, which="LA", v0=first, tol=tolerance)[1]
         return np.asarray(vectors[:, 0])
 
     @cached_property
@@ -193,11 +194,9 @@ def limited_by(scene: Scene) -> str:
 
 def _undamped(scene: Scene) -> str:
     """Effects of elastic links that are not damped along every direction."""
-    names = [
-        type(effect).__name__
-        for effect in scene.effects
-        if any(term.stiffness.any() and not (term.isotropic and term.viscosity.any()) for term in effect.link_terms(scene.lattice))
-    ]
+    terms = [(type(effect).__name__, term) for effect in scene.effects for term in effect.link_terms(scene.lattice)]
+    bare = [name for name, term in terms if term.stiffness.any() and not (term.isotropic and term.viscosity.any())]
+    names = list(dict.fromkeys(bare))
     return f" ({', '.join(names)})" if names else ""
 
 

@@ -193,8 +193,11 @@ def test_a_refusal_names_what_sets_the_limit(changed, named):
         if not (isinstance(method, ExplicitEuler) and "stiffness" not in named):
             with pytest.raises(ValueError, match=f"set by {named}.*lower {named}"):
                 Simulator(one)
-    with pytest.raises(ValueError, match="set by the"):
-        Simulator(scene).set_parameters(30.0, 30.0)
+
+
+def test_a_refused_scaling_names_what_sets_the_limit():
+    with pytest.raises(ValueError, match=r"set by the stiffness of Structural; scale it less"):
+        Simulator(presets.flag(4, 5).scaled(viscosity=0.0)).set_parameters(30.0)
 
 
 def test_what_sets_the_limit_has_the_largest_share_of_the_top_mode():

@@ -1,13 +1,18 @@
 """Success is counted as promised, on every target that was asked for."""
 
+import zipfile
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
+from stable_baselines3.common.save_util import data_to_json, load_from_zip_file
 
+from training import train
 from training.baselines import BASELINES, Random, Zero
 from training.environments import Task, evaluation_envs
-from training.evaluate import evaluate, table
-from training.rollouts import rollout, summary
+from training.evaluate import ALGORITHMS, evaluate, load, table
+from training.rollouts import Agent, rollout, summary
 
 
 class Constant(Zero):
@@ -75,3 +80,35 @@ def test_random_is_the_same_at_every_evaluation():
         actions.append(policy.act(np.zeros((4, 1), np.float32)))
     np.testing.assert_array_equal(*actions)
     assert np.abs(actions[0]).max() <= 1
+
+
+class Payload:
+    """What a hostile author may put into a model file."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (Path.touch, (self.path,))
+
+
+@pytest.mark.parametrize("algo", ["ppo", "sac"])
+def test_loading_reads_weights_and_runs_no_stored_code(tiny, tmp_path, algo):
+    arguments = tiny(algo, total_timesteps=120)
+    train.run(arguments)
+    path, trap = arguments.folder / "model.zip", tmp_path / "trap"
+    model = ALGORITHMS[algo].load(path, device="cpu")
+    with zipfile.ZipFile(path) as archive:
+        content = {name: archive.read(name) for name in archive.namelist()}
+    content["data"] = data_to_json({"policy_class": Payload(trap)}).encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, part in content.items():
+            archive.writestr(name, part)
+    task, policy = load(arguments.folder)
+    assert task == arguments.task
+    assert not trap.exists()
+    observation = np.random.default_rng(0).uniform(-1, 1, (5, *model.observation_space.shape)).astype(np.float32)
+    expected = model.predict(observation, deterministic=True)[0]
+    np.testing.assert_array_equal(Agent(policy).act(observation), expected)
+    load_from_zip_file(path)  # what stable-baselines3's own loading does
+    assert trap.exists()
