@@ -122,14 +122,14 @@ def check_cost(rounds: int) -> list[dict[str, Any]]:
 def run(output: Path, quick: bool) -> None:
     """Measure, print the tables, write stability.json and stability.png."""
     methods = (*METHODS, Implicit())
-    size = (9, 12) if quick else (19, 34)
+    size = (9, 12) if quick else (15, 27)
     charts = []
     with tqdm(total=len(AXES) * len(methods), desc="maps") as bar:
         for varied in AXES:
             for method in methods:
                 charts.append(chart(method, varied, *size))
                 bar.update()
-    random = [margins(method, 6 if quick else 60) for method in tqdm(METHODS, desc="random scenes")]
+    random = [margins(method, 6 if quick else 30) for method in tqdm(METHODS, desc="random scenes")]
     costs, checks = limit_times(3 if quick else 20), check_cost(5 if quick else 30)
     counts = ("integrator", "varied", "unstable below the limit", "cells below", "stable above 1.35 limits", "cells above")
     rows = [{name: one[name] for name in counts} for one in charts]

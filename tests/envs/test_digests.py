@@ -1,8 +1,8 @@
 """Reviewed trajectories of the released environments: a silent change of physics, observations or rewards fails here.
 
 `digests.json` holds, for each id, control and level, an episode's last observation and sum of rewards, and a digest of all its
-bits. The numbers must agree everywhere; the bits must agree where they were written (processor and versions): another processor's
-cosine may round differently. After a reviewed change of results: `python tests/envs/test_digests.py`, and a new version in the id.
+bits. The numbers must agree everywhere; the bits must agree where they were written (processor and versions): the cosine of
+another one may round differently. After a reviewed change: `python tests/envs/test_digests.py`, and a new version of the id.
 """
 
 import hashlib
