@@ -19,21 +19,28 @@ class Task:
     env_id: str = "Flag-v0"
     control: str = "wind"
     level: str = "breeze"
+    accuracy: str | float = "balanced"
 
     @property
     def name(self) -> str:
-        """The id, with control and level where they are not the default."""
+        """The id, with control and level, and with the accuracy, where they are not the default."""
         default = (self.control, self.level) == (Task.control, Task.level)
-        return self.env_id if default else f"{self.env_id}-{self.control}-{self.level}"
+        name = self.env_id if default else f"{self.env_id}-{self.control}-{self.level}"
+        return name if self.accuracy == Task.accuracy else f"{name}-{self.accuracy}"
 
     def make(self, split: str, **keywords: object) -> gymnasium.Env:
         """One environment."""
-        return gymnasium.make(self.env_id, control=self.control, level=self.level, split=split, **keywords)
+        return gymnasium.make(self.env_id, split=split, **self.arguments, **keywords)
+
+    @property
+    def arguments(self) -> dict[str, str | float]:
+        """Arguments of the environment besides the split."""
+        return {"control": self.control, "level": self.level, "accuracy": self.accuracy}
 
 
 def learning_envs(task: Task, count: int, split: str) -> VecEnv:
     """Flags of a split, for stable-baselines3; they can be pickled in mid-episode, which checkpoints rely on."""
-    return FlagSB3VecEnv(count, task.env_id, control=task.control, level=task.level, split=split)
+    return FlagSB3VecEnv(count, task.env_id, split=split, **task.arguments)
 
 
 def evaluation_envs(task: Task, count: int, split: str) -> VectorEnv:
@@ -42,7 +49,6 @@ def evaluation_envs(task: Task, count: int, split: str) -> VectorEnv:
         task.env_id,
         num_envs=count,
         vectorization_mode="vector_entry_point",
-        control=task.control,
-        level=task.level,
         split=split,
+        **task.arguments,
     )

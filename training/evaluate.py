@@ -7,6 +7,7 @@ are read as values, and PyTorch loads its weights with `weights_only`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -20,7 +21,7 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from flag_env.envs.batch import HOLD_STEPS
 from flag_env.tasks.targets import SIZES
 from training.baselines import BASELINES
-from training.environments import Task, evaluation_envs, training_envs
+from training.environments import Task, evaluation_envs, learning_envs
 from training.files import read_json, write_json
 from training.hyperparameters import Hyperparameters
 from training.rollouts import TOLERANCES, Agent, Policy, rollout, summary
@@ -64,9 +65,10 @@ def load(folder: Path) -> tuple[Task, BasePolicy]:
     """Task and trained policy of a finished training; no stored code is run."""
     description = read_json(folder / "arguments.json")
     arguments, hyper = description["arguments"], Hyperparameters(**description["hyperparameters"])
-    task, algorithm = Task(arguments["env_id"], arguments["control"], arguments["level"]), ALGORITHMS[arguments["algo"]]
+    task = Task(*(arguments[name] for name in ("env_id", "control", "level", "accuracy")))
+    algorithm = ALGORITHMS[arguments["algo"]]
     _, weights, _ = load_from_zip_file(folder / "model.zip", load_data=False, device="cpu")
-    envs = training_envs(task, 1)
+    envs = learning_envs(task, 1, "validation")
     kind = algorithm.policy_aliases[hyper.policy]
     policy = kind(envs.observation_space, envs.action_space, lambda _: 0.0, **hyper.keywords().get("policy_kwargs", {}))
     envs.close()
@@ -81,6 +83,7 @@ def main(
     control: Literal["wind", "mast"] = "wind",
     level: Literal["calm", "breeze"] = "breeze",
     split: Literal["train", "validation", "test"] = "validation",
+    accuracy: Literal["fast", "balanced", "reference"] | float | None = None,
     output: Path | None = None,
 ) -> None:
     """Evaluate trained agents and baselines on every target of a split.
@@ -91,11 +94,13 @@ def main(
         control: control of the baselines' task if there is no run.
         level: level of the baselines' task if there is no run.
         split: targets to evaluate on.
+        accuracy: of the simulation that is evaluated on; the one trained on if not given.
         output: JSON file to write as well.
     """
     torch.set_num_threads(1)
     loaded = {folder.name: load(folder) for folder in runs}
-    tasks = {task for task, _ in loaded.values()} or {Task(control=control, level=level)}
+    tasks = {task if accuracy is None else replace(task, accuracy=accuracy) for task, _ in loaded.values()}
+    tasks = tasks or {Task(control=control, level=level, accuracy=Task.accuracy if accuracy is None else accuracy)}
     if len(tasks) > 1:
         raise SystemExit(f"runs must be of one task, got {', '.join(sorted(task.name for task in tasks))}")
     task = tasks.pop()

@@ -52,6 +52,8 @@ class Arguments:
     """What the agent acts on."""
     level: Literal["calm", "breeze"] = "breeze"
     """Difficulty."""
+    accuracy: Literal["fast", "balanced", "reference"] | float = "balanced"
+    """Of the simulation: a recipe, or the integration error over one second in metres."""
     seed: int = 0
     """Seed of everything random."""
     total_timesteps: int | None = None
@@ -82,7 +84,7 @@ class Arguments:
     @property
     def task(self) -> Task:
         """What is to be learnt."""
-        return Task(self.env_id, self.control, self.level)
+        return Task(self.env_id, self.control, self.level, self.accuracy)
 
     @property
     def folder(self) -> Path:

@@ -53,6 +53,7 @@ class Settings:
     split: str = "train"
     scene: Scene | str = "flag"
     tolerance: float = 0.05
+    accuracy: str | float | None = None
 
     def __post_init__(self) -> None:
         validate.choice("control", self.control, CONTROLS)
@@ -65,8 +66,11 @@ class Settings:
             control.check(self.resolved_scene())
 
     def resolved_scene(self) -> Scene:
-        """The scene to simulate, its timestep a whole fraction of the control step."""
-        return fitted(self.scene if isinstance(self.scene, Scene) else _preset(self.scene))
+        """The scene to simulate, tuned to the accuracy, its timestep a whole fraction of the control step."""
+        scene = self.scene if isinstance(self.scene, Scene) else _preset(self.scene)
+        if self.accuracy is None:  # a preset is "balanced" as it is
+            return fitted(scene)
+        return fitted(scene.tuned(self.accuracy))
 
 
 def fitted(scene: Scene) -> Scene:

@@ -77,6 +77,11 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     | `reward` | "shaped" | "shaped", "dense" or "sparse" |
     | `render_mode` | None | "rgb_array" |
     | `width`, `height` | 480 | size of a frame in pixels |
+    | `accuracy` | None | "fast", "balanced", "reference", or an error in metres; None: "balanced", but a `Scene` as it is |
+
+    With another accuracy than the default one, actions and observations keep their meaning and shape, and targets are where the
+    witnesses lead in that scene. "fast" halves the lattice of the flag (5 x 8 particles), "balanced" keeps the integration error
+    below 1 mm over one second, "reference" below 1 micrometre; see `flag_env.physics.tuning`.
 
     ## Versions
 
@@ -97,12 +102,13 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
+        accuracy: str | float | None = None,
     ) -> None:
         if render_mode not in (None, *RENDER_MODES):
             raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
         self.render_mode = render_mode
         validate.choice("reward", reward, self.view.rewards)
-        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance))
+        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance, accuracy))
         self._view = self.view(self._batch, reward)
         self._picture = Picture(width, height)
         self._started = False

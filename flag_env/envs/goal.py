@@ -44,8 +44,9 @@ class FlagGoalEnv(FlagEnv):
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
+        accuracy: str | float | None = None,
     ) -> None:
-        super().__init__(control, level, split, scene, tolerance, reward, render_mode, width, height)
+        super().__init__(control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy)
 
     def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Any) -> Any:
         """Reward of having reached `achieved_goal` when asked for `desired_goal`.

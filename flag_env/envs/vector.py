@@ -37,7 +37,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         "NextStep", "SameStep" or "Disabled", or Gymnasium's `AutoresetMode`.
     threads
         Threads of the simulator; None: as many as there are processors.
-    control, level, split, scene, tolerance, reward, render_mode, width, height
+    control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy
         See `FlagEnv`.
     """
 
@@ -58,6 +58,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
+        accuracy: str | float | None = None,
     ) -> None:
         self.num_envs = validate.count("num_envs", num_envs)
         self.max_episode_steps = validate.count("max_episode_steps", max_episode_steps)
@@ -71,7 +72,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             "render_fps": round(1 / CONTROL_STEP),
             "autoreset_mode": self.autoreset_mode,
         }
-        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance), num_envs, threads)
+        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance, accuracy), num_envs, threads)
         self._view = self.view(self._batch, reward)
         self._picture = Picture(width, height)
         self._rngs: list[np.random.Generator | None] = [None] * num_envs

@@ -28,7 +28,7 @@ from flag_env.physics.effects import AirDrag, AirPressure, Bending, CosineWind, 
 from flag_env.physics.integrators import LFAB, RK4
 from flag_env.physics.scene import Scene
 from flag_env.physics.simulator import Simulator
-from flag_env.physics.stability import max_timestep, timestep_of
+from flag_env.physics.stability import limited_by, max_timestep, timestep_of
 
 ACCURACIES = ("fast", "balanced", "reference")
 """The recipes, from the cheapest to the most accurate."""
@@ -100,7 +100,7 @@ class Description:
     timestep
         "auto" resolved [s].
     limit, limited_by
-        Step limit [s], infinite where there is none; the effect without which it would be longest, None where none matters.
+        Step limit [s], infinite where there is none; what sets it, such as "the stiffness of Structural", or None.
     particles
         Number of particles.
     steps, evaluations
@@ -154,19 +154,9 @@ def describe(scene: Scene) -> Description:
     steps = 1.0 / timestep
     return Description(
         integrator=type(scene.integrator).__name__, dtype=scene.dtype, timestep=timestep, limit=limit,
-        limited_by=_limited_by(scene, limit), particles=scene.lattice.size, steps=steps,
+        limited_by=limited_by(scene) if 0.0 < limit < math.inf else None, particles=scene.lattice.size, steps=steps,
         evaluations=steps * scene.integrator.evaluations, wall=_seconds_per_step(scene) * steps, error=error, reason=reason,
     )  # fmt: skip
-
-
-def _limited_by(scene: Scene, limit: float) -> str | None:
-    """The effect whose absence lengthens the step limit most."""
-    longest, name = limit * (1 + 1e-6), None
-    for effect in scene.effects if math.isfinite(limit) else ():
-        without = max_timestep(scene.without(type(effect)))
-        if without > longest:
-            longest, name = without, type(effect).__name__
-    return name
 
 
 def _seconds_per_step(scene: Scene) -> float:

@@ -144,8 +144,8 @@ def test_description():
 def test_description_names_the_effect_that_sets_the_limit():
     """A hundredfold drag damps more than the links do; without links and drag nothing sets a limit."""
     flag = presets.flag(5, 6, integrator=integrators.LFAB())
-    assert flag.describe().limited_by == "Structural"
-    assert flag.adding(effects.AirDrag(1e5)).describe().limited_by == "AirDrag"
+    assert flag.describe().limited_by == "the stiffness of Structural"
+    assert flag.adding(effects.AirDrag(1e5)).describe().limited_by == "the damping of AirDrag"
 
 
 def test_a_scene_without_an_order_is_described_but_for_its_error():

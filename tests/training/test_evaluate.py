@@ -60,7 +60,7 @@ def test_rollouts_are_the_episodes_of_the_single_environment():
 def test_evaluation_has_its_schema():
     task = Task(control="mast", level="calm")
     result = evaluate({name: BASELINES[name](task, "test") for name in ("zero", "random")}, task, "test", episodes=3)
-    assert result["task"] == {"env_id": "Flag-v0", "control": "mast", "level": "calm"}
+    assert result["task"] == {"env_id": "Flag-v0", "control": "mast", "level": "calm", "accuracy": "balanced"}
     assert (result["split"], result["episodes"], result["hold_steps"]) == ("test", 3, 10)
     assert result["tolerances"] == {"success_5": 0.05, "success_3": 0.03}
     assert set(result["policies"]) == {"zero", "random"}
