@@ -37,7 +37,7 @@ class Control:
     def check(cls, scene: Scene) -> None:
         """Raise ValueError if the scene lacks what the control acts on."""
 
-    def reset(self, copies: NDArray[np.intp]) -> None:
+    def reset(self, simulator: Simulator, copies: NDArray[np.intp]) -> None:
         """Bring the actuators of these copies to rest."""
         raise NotImplementedError
 

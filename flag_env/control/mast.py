@@ -41,8 +41,9 @@ class MastControl(Control):
         if not scene.lattice.fixed.any():
             raise ValueError(f"scene must pin particles to a mast for control='mast', got pinned={scene.lattice.pinned!r}")
 
-    def reset(self, copies: NDArray[np.intp]) -> None:
+    def reset(self, simulator: Simulator, copies: NDArray[np.intp]) -> None:
         """Mast upright, at the origin, at rest."""
+        del simulator
         self._pose[copies] = 0.0
         self._velocity[copies] = 0.0
 

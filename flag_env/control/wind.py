@@ -9,6 +9,9 @@ The frequencies are the report's. The hidden offset belongs to the episode, not 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,15 +20,18 @@ from numpy.typing import NDArray
 from flag_env.control.base import Array, Control, hold, lag_factor
 from flag_env.physics import Scene, Simulator
 from flag_env.physics.effects import Wind
+from flag_env.physics.jit import cached, entry_point
 
 GAIN = np.array([6.0, 8.0, 5.0])
 """Wind acceleration at full action (x, y, z) [m/s^2]."""
 
-FREQUENCY = (0.04, 0.05, 0.35)
+FREQUENCY = np.array([0.04, 0.05, 0.35])
 """Angular frequency of the wind (x, y, z) [rad/s]."""
 
 LAG = 0.2
 """Time constant of the actuator [s]."""
+
+_FOLLOW = lag_factor(LAG)
 
 DRAG = 1.5
 """Rate [1/s] at which moving air that is given a velocity counts as an acceleration of the cloth."""
@@ -35,6 +41,20 @@ def wind_of(scene: Scene, acceleration: Array) -> Array:
     """A wind acceleration [m/s^2] in the unit of the scene's wind: a force on a mean particle, or a velocity of the air."""
     force = any(isinstance(effect, Wind) and effect.unit == "N" for effect in scene.effects)
     return acceleration * float(scene.lattice.masses.mean()) if force else acceleration / DRAG
+
+
+def _follow(actions: Any, share: float, full: Any, u: Any, amplitude: Any) -> None:
+    """Move u (copies, 3) by this share of the way to the actions; the amplitude that it stands for, of `full` (3,)."""
+    for copy in range(u.shape[0]):
+        for i in range(3):
+            u[copy, i] += share * (actions[copy, i] - u[copy, i])
+            amplitude[copy, i] = full[i] * u[copy, i]
+
+
+@cache
+def _compiled_follow() -> Callable[..., None]:
+    rows = np.zeros((1, 3))
+    return entry_point(cached(_follow, frozenset({Path(__file__)})), (rows, 0.0, np.zeros(3), rows, rows))
 
 
 class WindControl(Control):
@@ -58,14 +78,16 @@ class WindControl(Control):
             kinds = ", ".join(type(effect).__name__ for effect in scene.effects) or "none"
             raise ValueError(f"scene must hold a wind, such as effects.CosineWind(), for control='wind'; its effects: {kinds}")
 
-    def reset(self, copies: NDArray[np.intp]) -> None:
-        """No wind from the agent."""
+    def reset(self, simulator: Simulator, copies: NDArray[np.intp]) -> None:
+        """No wind from the agent; the wind's frequency for the episode."""
         self._u[copies] = 0.0
+        simulator.set_wind(frequency=FREQUENCY)
 
     def apply(self, simulator: Simulator, actions: Array) -> None:
         """Let u follow the set-points and set the wind's amplitude."""
-        self._u += lag_factor(LAG) * (actions - self._u)
-        simulator.set_wind(amplitude=self._amplitude * self._u, frequency=FREQUENCY)
+        amplitude = np.empty_like(self._u)
+        _compiled_follow()(np.ascontiguousarray(actions), _FOLLOW, self._amplitude, self._u, amplitude)
+        simulator.set_wind(amplitude=amplitude)
 
     @property
     def state(self) -> Array:

@@ -140,6 +140,7 @@ class FlagBatch:
         self._start = Simulator(scene).get_state()
         self._firsts = np.cumsum([0] + [control.size for control in self.controls]).tolist()[:-1]
         self.nodes = _observed_nodes(scene)
+        self.diagonal = scene.lattice.diagonal
         self._poses: dict[int, Array] = {}
         self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
 
@@ -160,7 +161,7 @@ class FlagBatch:
             poses = np.stack([self.pose(int(index)) for index in chosen])
         self.simulator.set_state(self._start, copies=None if len(which) == self.copies else [int(copy) for copy in which])
         for control in self.controls:
-            control.reset(which)
+            control.reset(self.simulator, which)
         self.target_index[which] = chosen
         self.target[which] = poses
         self.hidden_wind[which] = self.library.wind[chosen]
@@ -172,17 +173,17 @@ class FlagBatch:
         self._look(positions, velocities)
 
     def step(self, actions: Array) -> Outcome:
-        """Take one control step under `actions` (copies, action), finite; they are clipped to [-1, 1]."""
-        actions = np.clip(actions, -1.0, 1.0)
+        """Take one control step under `actions` (copies, action) in [-1, 1]."""
         for control, first in zip(self.controls, self._firsts, strict=True):
             control.apply(self.simulator, actions[:, first : first + control.size])
+        positions, velocities = np.empty(self.target.shape), np.empty(self.target.shape)
         with contextlib.suppress(Diverged):  # the copies concerned end their episodes with their last finite numbers
-            self.simulator.step(self.steps_per_action)
+            self.simulator.step_into(self.steps_per_action, positions, velocities)
         before = self.distance
-        ended = self._look(self.simulator.positions, self.simulator.velocities)
-        self.elapsed += 1
-        self.held = np.where(self.distance < self.settings.tolerance, self.held + 1, 0)
-        return Outcome(before, self.distance.copy(), self.held >= HOLD_STEPS, ended)
+        ended = self._look(positions, velocities)
+        success = np.empty(self.copies, bool)
+        glance.judge()(self.distance, self.settings.tolerance, HOLD_STEPS, self.elapsed, self.held, success)
+        return Outcome(before, self.distance, success, ended)
 
     @property
     def node_positions(self) -> Array:
@@ -220,11 +221,12 @@ class FlagBatch:
 
     def _look(self, positions: Array, velocities: Array) -> NDArray[np.bool_]:
         """Take over positions and velocities, but for copies out of bounds, and measure distances; which copies those are."""
-        flat = (self.copies, 3 * self.scene.lattice.size)
-        ended, self.distance = np.empty(self.copies, bool), np.empty(self.copies)
+        count = self.copies
+        ended, self.distance = np.empty(count, bool), np.empty(count)
         glance.settle()(
-            positions.reshape(flat), velocities.reshape(flat), self.positions.reshape(flat), self.velocities.reshape(flat),
-            self.target.reshape(flat), ROOM, FASTEST, flat[1] / 3, self.scene.lattice.diagonal, self.distance, ended,
+            positions.reshape(count, -1), velocities.reshape(count, -1),
+            self.positions.reshape(count, -1), self.velocities.reshape(count, -1), self.target.reshape(count, -1),
+            ROOM, FASTEST, self.diagonal, self.distance, ended,
         )  # fmt: skip
         self.positions, self.velocities = positions, velocities
         return ended

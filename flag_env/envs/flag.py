@@ -10,6 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
+from flag_env.envs import glance
 from flag_env.envs.batch import FlagBatch, Outcome, Settings
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView
@@ -154,9 +155,10 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         if not self._started:
             raise gymnasium.error.ResetNeeded("reset() must be called before step()")
         outcome = self._batch.step(checked[None])
-        observation = self._view.observe()
-        terms = {name: float(term[0]) for name, term in self._view.terms(outcome, observation).items()}
-        return first(observation), sum(terms.values()), bool(outcome.diverged[0]), False, self._info(outcome, terms)
+        observation = first(self._view.observe())
+        terms = self._view.terms(outcome.before.item(), outcome.distance.item(), observation)
+        terms = {name: float(term) for name, term in terms.items()}
+        return observation, sum(terms.values()), outcome.diverged.item(), False, self._info(outcome, terms)
 
     def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) with `render_mode="rgb_array"`, else None."""
@@ -171,11 +173,11 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     def _info(self, outcome: Outcome | None = None, terms: dict[str, float] | None = None) -> dict[str, Any]:
         return {
-            "distance": float(self._batch.distance[0]),
-            "is_success": bool(outcome is not None and outcome.success[0]),
+            "distance": self._batch.distance.item(),
+            "is_success": outcome is not None and outcome.success.item(),
             "reward_terms": terms or {},
-            "diverged": bool(outcome is not None and outcome.diverged[0]),
-            "target": int(self._batch.target_index[0]),
+            "diverged": outcome is not None and outcome.diverged.item(),
+            "target": self._batch.target_index.item(),
         }
 
 
@@ -187,11 +189,11 @@ def first(observation: Any, copy: int = 0) -> Any:
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """The action as float64; raise ValueError unless it is finite and of `shape`."""
-    result = np.asarray(action, dtype=np.float64)
+    """The action in float64, clipped to [-1, 1]; raise ValueError unless it is finite and of `shape`."""
+    result = np.array(action, dtype=np.float64, order="C")
     if result.shape != shape:
         raise ValueError(f"action must have the shape {shape}, got {result.shape}")
-    if not np.isfinite(result).all():
+    if not glance.admit()(result.reshape(-1)):
         raise ValueError(f"action must be finite, got {action!r}")
     return result
 

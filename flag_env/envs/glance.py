@@ -10,14 +10,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from flag_env.physics.jit import cached
+import numpy as np
+
+from flag_env.physics.jit import cached, entry_point
 
 
-def _settle(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, room: Any, fastest: Any, particles: Any, diagonal: Any,
+def _settle(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, room: float, fastest: float, diagonal: float,
             distance: Any, ended: Any) -> None:  # fmt: skip
-    """Where positions x [m] or velocities v [m/s] (copies, numbers) leave their bounds or the finite numbers, set `ended` and
-    bring back the last ones; then write the RMS distance of the particles to their targets, in flag diagonals.
+    """Where positions x [m] or velocities v [m/s] (copies, 3 particles) leave their bounds or the finite numbers, set `ended`
+    and bring back the last ones; then write the RMS distance of the particles to their targets, in flag diagonals.
     """
+    particles = x.shape[1] / 3
     for copy in range(x.shape[0]):
         lost = False
         for i in range(x.shape[1]):
@@ -36,8 +39,9 @@ def _settle(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, room: Any, fa
         distance[copy] = (square / particles) ** 0.5 / diagonal
 
 
-def _observe(x: Any, v: Any, target: Any, nodes: Any, unit: Any, actuators: Any, left: Any, limit: Any, out: Any) -> None:
-    """Nodes' positions, velocities, targets, differences in `unit`, actuators and time left, clipped, into `out`."""
+def _observe(x: Any, v: Any, target: Any, nodes: Any, unit: float, actuators: Any, elapsed: Any, steps: int, limit: float,
+             out: Any) -> None:  # fmt: skip
+    """Nodes' positions, velocities, targets, differences in `unit`, actuators and time left of `steps`, clipped, into `out`."""
     n = 3 * nodes.shape[0]
     for copy in range(x.shape[0]):
         for j in range(nodes.shape[0]):
@@ -49,16 +53,52 @@ def _observe(x: Any, v: Any, target: Any, nodes: Any, unit: Any, actuators: Any,
                 out[copy, 3 * n + k] = min(max((target[copy, i] - x[copy, i]) / unit, -limit), limit)
         for k in range(actuators.shape[1]):
             out[copy, 4 * n + k] = min(max(actuators[copy, k], -limit), limit)
-        out[copy, 4 * n + actuators.shape[1]] = left[copy]
+        out[copy, 4 * n + actuators.shape[1]] = max(1.0 - elapsed[copy] / steps, 0.0)
+
+
+def _judge(distance: Any, tolerance: float, hold: int, elapsed: Any, held: Any, success: Any) -> None:
+    """Count the step, and those in a row within tolerance; `hold` of them are a success."""
+    for copy in range(distance.shape[0]):
+        elapsed[copy] += 1
+        held[copy] = held[copy] + 1 if distance[copy] < tolerance else 0
+        success[copy] = held[copy] >= hold
+
+
+def _admit(actions: Any) -> bool:
+    """Clip flat actions to [-1, 1]; False, and nothing more, where one is not finite."""
+    for i in range(actions.shape[0]):
+        if (actions[i] - actions[i]) != 0.0:
+            return False
+        actions[i] = min(max(actions[i], -1.0), 1.0)
+    return True
+
+
+_ROWS, _FLAT = np.zeros((1, 3)), np.zeros(1)
+_NUMBERS = np.zeros(1, np.int64)
 
 
 @cache
 def settle() -> Callable[..., None]:
-    """`_settle`, compiled and kept on disk."""
-    return cached(_settle, frozenset({Path(__file__)}))
+    """`_settle`, compiled and kept on disk; all arrays float64 and contiguous, but for `ended`."""
+    arguments = (*[_ROWS] * 5, 0.0, 0.0, 0.0, _FLAT, np.zeros(1, bool))
+    return entry_point(cached(_settle, frozenset({Path(__file__)})), arguments)
 
 
 @cache
 def observe() -> Callable[..., None]:
-    """`_observe`, compiled and kept on disk."""
-    return cached(_observe, frozenset({Path(__file__)}))
+    """`_observe`, compiled and kept on disk; arrays contiguous, `nodes` and `elapsed` int64, `out` float32, others float64."""
+    arguments = (*[_ROWS] * 3, _NUMBERS, 0.0, _ROWS, _NUMBERS, 1, 0.0, np.zeros((1, 3), np.float32))
+    return entry_point(cached(_observe, frozenset({Path(__file__)})), arguments)
+
+
+@cache
+def judge() -> Callable[..., None]:
+    """`_judge`, compiled and kept on disk; all arrays contiguous, `distance` float64, `elapsed` and `held` int64."""
+    arguments = (_FLAT, 0.0, 1, _NUMBERS, _NUMBERS, np.zeros(1, bool))
+    return entry_point(cached(_judge, frozenset({Path(__file__)})), arguments)
+
+
+@cache
+def admit() -> Callable[[Any], bool]:
+    """`_admit`, compiled and kept on disk, for contiguous float64."""
+    return entry_point(cached(_admit, frozenset({Path(__file__)})), (_FLAT,))

@@ -122,7 +122,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             actions = np.where(waiting[:, None], 0.0, actions) if np.shape(actions) == shape else actions
         outcome = self._batch.step(checked_actions(actions, shape))
         observation = self._view.observe()
-        terms = self._view.terms(outcome, observation)
+        terms = self._view.terms(outcome.before, outcome.distance, observation)
         terminated = outcome.diverged & ~waiting
         truncated = (self._batch.elapsed >= self.max_episode_steps) & ~waiting
         reward = np.where(waiting, 0.0, sum(terms.values()))

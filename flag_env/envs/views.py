@@ -9,7 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flag_env.envs import glance
-from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Outcome
+from flag_env.envs.batch import EPISODE_STEPS, FlagBatch
 from flag_env.tasks.reward import REWARDS, reward_terms
 
 LIMIT = 100.0
@@ -19,6 +19,7 @@ CLOSE = 0.1
 """Difference between target and node that an agent sees as 1, in flag diagonals: what decides success lies well below it."""
 
 Array = NDArray[np.float64]
+Numbers = Any  # float, or NDArray[np.float64]
 Observation = Any
 """An array, or a dictionary of arrays."""
 
@@ -30,6 +31,7 @@ class FlatView:
 
     def __init__(self, batch: FlagBatch, reward: str) -> None:
         self.batch, self.reward = batch, reward
+        self._unit = CLOSE * batch.diagonal
 
     def space(self) -> spaces.Space[Any]:
         """Space of one flag's observation."""
@@ -38,16 +40,18 @@ class FlatView:
     def observe(self) -> Observation:
         """Observations of all copies, fresh memory."""
         batch = self.batch
-        unit, actuators = CLOSE * batch.scene.lattice.diagonal, batch.actuators
-        out = np.empty((batch.copies, 12 * len(batch.nodes) + actuators.shape[1] + 1), np.float32)
-        rows = (part.reshape(batch.copies, -1) for part in (batch.positions, batch.velocities, batch.target))
-        glance.observe()(*rows, batch.nodes, unit, actuators, _time_left(batch)[:, 0], LIMIT, out)
+        count, actuators = batch.copies, batch.actuators
+        out = np.empty((count, 12 * len(batch.nodes) + actuators.shape[1] + 1), np.float32)
+        glance.observe()(
+            batch.positions.reshape(count, -1), batch.velocities.reshape(count, -1), batch.target.reshape(count, -1),
+            batch.nodes, self._unit, actuators, batch.elapsed, EPISODE_STEPS, LIMIT, out,
+        )  # fmt: skip
         return out
 
-    def terms(self, outcome: Outcome, observation: Observation) -> dict[str, Array]:
-        """Named terms that sum to the rewards."""
+    def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
+        """Named terms that sum to the rewards, of all copies or, from numbers and its own observation, of one."""
         del observation
-        return reward_terms(self.reward, outcome.before, outcome.distance, self.batch.settings.tolerance)
+        return reward_terms(self.reward, before, distance, self.batch.settings.tolerance)
 
 
 class GoalView(FlatView):
@@ -70,16 +74,16 @@ class GoalView(FlatView):
             "desired_goal": _pack(self.batch.node_targets),
         }
 
-    def terms(self, outcome: Outcome, observation: Observation) -> dict[str, Array]:
-        """Named terms that sum to the rewards."""
-        del outcome
+    def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
+        """Named terms that sum to the rewards; see `FlatView`."""
+        del before, distance
         return self.goal_terms(observation["achieved_goal"], observation["desired_goal"])
 
-    def goal_terms(self, achieved: NDArray[Any], desired: NDArray[Any]) -> dict[str, Array]:
+    def goal_terms(self, achieved: NDArray[Any], desired: NDArray[Any]) -> dict[str, Numbers]:
         """Terms (...,) for goals (..., 3 nodes); one reduction in float64, so that every caller gets the same bits."""
         difference = np.asarray(achieved, np.float64) - np.asarray(desired, np.float64)
         square = np.einsum("...i,...i->...", difference, difference) / len(self.batch.nodes)
-        distance = np.sqrt(square) / self.batch.scene.lattice.diagonal
+        distance = np.sqrt(square) / self.batch.diagonal
         return reward_terms(self.reward, distance, distance, self.batch.settings.tolerance)
 
 

@@ -154,22 +154,36 @@ def _first_non_finite(x: Any, v: Any) -> int:
     return -1
 
 
+@jit
+def _read(p: Any, w: Any, synchronous: Any, pinned: Any, axes: Any, positions: Any, velocities: Any) -> None:
+    """Write positions and velocities, those of pinned particles from `w`, as (particles, 3)."""
+    for d in range(p.shape[0]):
+        for t in range(p.shape[1]):
+            positions[t, axes[d]] = p[d, t]
+            velocities[t, axes[d]] = synchronous[d, t]
+        for k in range(pinned.shape[0]):
+            velocities[pinned[k], axes[d]] = w[d, pinned[k]]
+
+
 def _make_run() -> Callable[..., Any]:
     def run(
-        method, effects, x, v, memory, f, scratch, work, inverse_mass,
-        steps, first, last, stepped, failed_at, failed_particle, read, out,
+        method, effects, x, v, memory, f, scratch, work, inverse_mass, pinned, mast, axes,
+        steps, first, last, stepped, failed_at, failed_particle, read, positions, velocities,
     ):  # fmt: skip
-        """Take `steps` steps of the copies `first <= copy < last` that have not failed; note the step at which one fails.
+        """Take `steps` steps of the copies `first <= copy < last` that have not failed, and put the pinned particles to where
+        `mast` says; note the step at which a copy fails, and return how many run on.
 
-        With `read`, write the velocities at the instant of the positions into `out` afterwards.
+        With `read`, write positions and velocities at the instant of the positions, (copies, particles, 3), afterwards.
         """
+        healthy = 0
         for copy in range(first, last):
-            if failed_at[copy] >= 0 and not read:
-                continue
             p, w, m = x[copy], v[copy], memory[copy]
-            if steps > 0 and not stepped[copy]:
-                _start(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
-            for i in range(steps):
+            todo = steps if failed_at[copy] < 0 else 0
+            if todo > 0:
+                if not stepped[copy]:
+                    _start(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
+                stepped[copy] = True
+            for i in range(todo):
                 _step(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
                 project(effects, copy, p, w, scratch, inverse_mass, method.seconds)
                 advance(effects, copy, method.seconds)
@@ -179,16 +193,24 @@ def _make_run() -> Callable[..., Any]:
                         failed_at[copy] = i + 1
                         failed_particle[copy] = particle
                         break
+            if failed_at[copy] < 0:
+                healthy += 1
+                if todo > 0:
+                    for d in range(p.shape[0]):
+                        for k in range(pinned.shape[0]):
+                            p[d, pinned[k]] = mast[copy, d, k]
             if read:
-                _velocity(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
-                for d in range(x.shape[1]):
-                    for t in range(x.shape[2]):
-                        out[copy, d, t] = f[d, t]
+                if stepped[copy]:
+                    _velocity(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
+                    _read(p, w, f, pinned, axes, positions[copy], velocities[copy])
+                else:
+                    _read(p, w, w, pinned, axes, positions[copy], velocities[copy])
+        return healthy
 
     return run
 
 
-def compiled_run(method: Any, effects: tuple[Any, ...]) -> Callable[..., None]:
+def compiled_run(method: Any, effects: tuple[Any, ...]) -> Callable[..., int]:
     """Entry point that advances many copies by many steps, for a method and effects of these types; kept on disk."""
     return _run_for_modules(tuple([type(bound).__module__ for bound in (method, *effects)]))
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flag_env.physics import validate
+from flag_env.physics.jit import cached, entry_point
 
 
 def rotation(tilt: NDArray[np.float64], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -35,3 +40,19 @@ def mast_poses(
     tilt = np.broadcast_to(validate.array("tilt", tilt, (2,), (copies, 2)), (copies, 2))
     yaw = np.broadcast_to(validate.array("yaw", yaw, (), (copies,)), (copies,))
     return position, tilt, yaw
+
+
+def _pull(x: Any, v: Any, pinned: Any, mast: Any, seconds: float) -> None:
+    """Velocities v (copies, coordinates, particles) that bring the pinned particles to the mast's points in `seconds`."""
+    number = x.dtype.type
+    for copy in range(x.shape[0]):
+        for d in range(x.shape[1]):
+            for k in range(pinned.shape[0]):
+                v[copy, d, pinned[k]] = (number(mast[copy, d, k]) - x[copy, d, pinned[k]]) / number(seconds)
+
+
+@cache
+def pull(dtype: np.dtype[Any]) -> Callable[..., None]:
+    """`_pull`, compiled for x and v of this type and kept on disk; contiguous arrays, `pinned` int64, `mast` float64."""
+    rows = np.zeros((1, 1, 1), dtype)
+    return entry_point(cached(_pull), (rows, rows, np.zeros(1, np.int64), np.zeros((1, 1, 1)), 0.0))

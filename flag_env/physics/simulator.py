@@ -6,7 +6,7 @@ each is stepped by itself, so its bits do not depend on how many there are nor o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -18,11 +18,14 @@ from flag_env.physics.bound import bind, rebind, state_of, winds
 from flag_env.physics.compose import compiled_run
 from flag_env.physics.coordinates import Coordinates
 from flag_env.physics.effects.base import Setting
-from flag_env.physics.mast import mast_points, mast_poses
+from flag_env.physics.jit import entry_point
+from flag_env.physics.mast import mast_points, mast_poses, pull
 from flag_env.physics.scene import Scene
 from flag_env.physics.stability import SceneSpectrum, limited_by, max_timestep, timestep_of
 from flag_env.physics.state import Diverged, State
 from flag_env.physics.threads import Threads, processors
+
+_FLOAT64 = np.dtype(np.float64)
 
 _SERIAL = 20_000
 """Particle-steps below which waking threads costs more than it gains."""
@@ -73,10 +76,17 @@ class Simulator:
         start = start[:, self._coordinates.axes]
         self._x = np.ascontiguousarray(start, self._dtype)
         self._v = np.zeros_like(self._x)
-        self._mast = start[:, :, self._pinned]
+        self._mast = np.ascontiguousarray(start[:, :, self._pinned])
         memory_rows, work_rows = self._method.rows()
         self._memory = np.zeros((self._copies, memory_rows, *self._x.shape[1:]), self._dtype)
-        self._work = np.zeros((self._threads.count, 2 + work_rows, 3, lattice.size), self._dtype)
+        room = (self._threads.count, 2 + work_rows, 3, lattice.size)
+        self._work = [(work[0, : self._x.shape[1]], work[1], work[2:]) for work in np.zeros(room, self._dtype)]
+        self._axes = np.array(lattice.axes)
+        self._shape = (self._copies, *lattice.shape, 3)
+        self._flat_shape = (self._copies, lattice.size, 3)
+        self._unread = np.zeros((0, 0, 3))
+        self._entry: Callable[..., int] | None = None
+        self._present_winds: list[Any] | None = None
         self._stepped = np.zeros(self._copies, bool)
         self._failed_at = np.full(self._copies, -1, np.int64)
         self._failed_particle = np.zeros(self._copies, np.int64)
@@ -121,11 +131,9 @@ class Simulator:
         """Velocities at the instant of the positions [m/s], a fresh array of shape (copies, layers, rows, cols, 3)."""
         if not self._stepped.any():
             return self._coordinates.public(self._v)
-        synchronous = np.empty_like(self._v)
-        self._run(0, synchronous)
-        synchronous[~self._stepped] = self._v[~self._stepped]
-        synchronous[:, :, self._pinned] = self._v[:, :, self._pinned]
-        return self._coordinates.public(synchronous)
+        positions, velocities = np.zeros((2, *self._shape))
+        self._run(0, (positions, velocities))
+        return velocities
 
     def set_positions(self, positions: ArrayLike) -> None:
         """Place every particle [m], (layers, rows, cols, 3) for all copies or with a leading copies axis.
@@ -206,7 +214,7 @@ class Simulator:
         ValueError
             If the scene has no wind or winds in different units, or a value is not finite or of the wrong shape.
         """
-        present = winds(self._scene.effects, self._effects)
+        present = self._winds()
         if not present:
             raise ValueError("scene must hold a wind for set_wind, such as effects.CosineWind(); it has none")
         given = {"amplitude": amplitude, "frequency": frequency, "mean": mean}
@@ -218,7 +226,7 @@ class Simulator:
 
     def wind(self) -> NDArray[np.float64] | None:
         """Mean and swinging part of the wind now, shape (copies, 3), in its unit as for `set_wind`; None in a scene without."""
-        present = winds(self._scene.effects, self._effects)
+        present = self._winds()
         return sum(wind.mean + wind.amplitude * np.cos(wind.phase) for wind in present) if present else None
 
     def set_parameters(self, stiffness_scale: float = 1.0, viscosity_scale: float = 1.0) -> None:
@@ -233,6 +241,7 @@ class Simulator:
         self._effects = rebind(self._scaled.effects, scene.effects, self._effects, self._setting())
         self._method = scene.integrator.bind(self._dtype, self._timestep, SceneSpectrum(scene.lattice, scene.effects))
         self._scaled, self._scales = scene, (float(stiffness_scale), float(viscosity_scale))
+        self._entry = self._present_winds = None
 
     # -- running ----------------------------------------------------------------------------------------------------------------
 
@@ -245,21 +254,33 @@ class Simulator:
             If a copy reaches non-finite numbers. It stops, until its state is set anew; the others have taken all steps.
         """
         n = validate.count("n", n, minimum=0)
-        if n == 0:
-            return
-        before = self._failed_at >= 0
-        self._v[:, :, self._pinned] = (self._mast.astype(self._dtype) - self._x[:, :, self._pinned]) / (n * self._timestep)
-        self._run(n, None)
-        after = self._failed_at >= 0
-        self._x[:, :, self._pinned] = np.where(after[:, None, None], self._x[:, :, self._pinned], self._mast)
-        self._stepped[:] = True
-        self._steps_taken += n
-        new = np.flatnonzero(after & ~before)
-        if len(new) or before.all():
-            copy = int(new[0]) if len(new) else 0
-            late = n - int(self._failed_at[copy]) if len(new) else 0
-            particle = np.unravel_index(self._failed_particle[copy], self._scene.lattice.shape)
-            raise Diverged(self.time - late * self._timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
+        if n > 0:
+            self._step(n, None)
+
+    def step_into(self, n: int, positions: NDArray[np.float64], velocities: NDArray[np.float64]) -> None:
+        """Take `n` >= 1 physics steps, then write positions [m] and velocities [m/s] into arrays.
+
+        The same as `step` and a look at both properties, in one call of the machine code.
+
+        Parameters
+        ----------
+        n
+            Number of steps.
+        positions, velocities : (copies, layers, rows, cols, 3)
+            Contiguous float64 arrays; they are written whether or not a copy diverges.
+
+        Raises
+        ------
+        Diverged
+            See `step`.
+        """
+        n = validate.count("n", n)
+        for name, out in (("positions", positions), ("velocities", velocities)):
+            if not isinstance(out, np.ndarray) or out.shape != self._shape or out.dtype != _FLOAT64 or not out.flags.carray:
+                raise ValueError(f"{name} must be a contiguous, writeable float64 array of shape {self._shape}, got {out!r}")
+        if len(self._axes) < 3:
+            positions[:], velocities[:] = self._scene.lattice.rest_positions, 0.0
+        self._step(n, (positions, velocities))
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole steps."""
@@ -295,20 +316,45 @@ class Simulator:
             self._scales, state_of(self._effects),
         )  # fmt: skip
 
-    def _run(self, steps: int, velocities: NDArray[Any] | None) -> None:
-        """Step all copies, or, with an array to write to, only read the velocities at the instant of the positions."""
-        run = compiled_run(self._method, self._effects)
-        read = velocities is not None
-        out = self._v if velocities is None else velocities
-        work = self._copies * self._scene.lattice.size * (steps or 1)
+    def _winds(self) -> list[Any]:
+        if self._present_winds is None:
+            self._present_winds = winds(self._scene.effects, self._effects)
+        return self._present_winds
+
+    def _step(self, n: int, into: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> None:
+        before = self._failed_at.copy()
+        pull(self._dtype)(self._x, self._v, self._pinned, self._mast, n * self._timestep)
+        healthy = self._run(n, into)
+        self._steps_taken += n
+        if healthy == self._copies:
+            return
+        new = np.flatnonzero((self._failed_at >= 0) & (before < 0))
+        if len(new) or (before >= 0).all():
+            copy = int(new[0]) if len(new) else 0
+            late = n - int(self._failed_at[copy]) if len(new) else 0
+            particle = np.unravel_index(self._failed_particle[copy], self._scene.lattice.shape)
+            raise Diverged(self.time - late * self._timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
+
+    def _run(self, steps: int, into: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> int:
+        """Step all copies, then write positions and velocities `into` arrays, if any; how many copies have not diverged."""
+        work = self._copies * self._flat_shape[1] * (steps or 1)
         threads = 1 if work < _SERIAL else self._threads.count
+        if threads == 1:
+            return self._run_share(steps, into, 0, self._copies)
+        ends = [thread * self._copies // threads for thread in range(threads + 1)]
+        return sum(self._threads.run(lambda i: self._run_share(steps, into, ends[i], ends[i + 1], i), threads))
 
-        def share(thread: int) -> None:
-            f, scratch, work_arrays = self._work[thread, 0, : self._x.shape[1]], self._work[thread, 1], self._work[thread, 2:]
-            first, last = thread * self._copies // threads, (thread + 1) * self._copies // threads
-            run(
-                self._method, self._effects, self._x, self._v, self._memory, f, scratch, work_arrays, self._inverse_mass,
-                steps, first, last, self._stepped, self._failed_at, self._failed_particle, read, out,
-            )  # fmt: skip
+    def _run_share(self, steps: int, into: Any, first: int, last: int, thread: int = 0) -> int:
+        shape = self._flat_shape
+        positions, velocities = (self._unread, self._unread) if into is None else (into[0].reshape(shape), into[1].reshape(shape))
+        arguments = (
+            self._method, self._effects, self._x, self._v, self._memory, *self._work[thread], self._inverse_mass, self._pinned,
+            self._mast, self._axes, steps, first, last, self._stepped, self._failed_at,
+            self._failed_particle, into is not None, positions, velocities,
+        )  # fmt: skip
+        if self._entry is None:
+            self._entry = entry_point(compiled_run(self._method, self._effects), arguments)
+        return self._entry(*arguments)
 
-        self._threads.run(share, threads)
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_entry": None, "_present_winds": None}

@@ -20,17 +20,17 @@ class Threads:
         self.count = count
         self._pool: tuple[int, ThreadPoolExecutor] | None = None
 
-    def run(self, function: Callable[[int], None], count: int) -> None:
-        """Call `function(i)` for i < count, at once; one call stays in this thread."""
+    def run(self, function: Callable[[int], Any], count: int) -> list[Any]:
+        """Call `function(i)` for i < count, at once, and return what they return; one call stays in this thread."""
         if count == 1:
-            function(0)
-        else:
-            list(self._executor().map(function, range(count)))
+            return [function(0)]
+        others = [self._executor().submit(function, i) for i in range(1, count)]
+        return [function(0), *(other.result() for other in others)]
 
     def _executor(self) -> ThreadPoolExecutor:
         """Threads of this process: a pool that was made before a fork does not exist in the child."""
         if self._pool is None or self._pool[0] != os.getpid():
-            self._pool = os.getpid(), ThreadPoolExecutor(self.count, thread_name_prefix="flag_env")
+            self._pool = os.getpid(), ThreadPoolExecutor(self.count - 1, thread_name_prefix="flag_env")
         return self._pool[1]
 
     def __getstate__(self) -> dict[str, Any]:

@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_FEW = 16
+"""Entries up to which Python's own loop is quicker than NumPy's calls."""
+
 
 def count(name: str, value: Any, minimum: int = 1) -> int:
     """Return `value` as an int; raise unless it is a whole number of at least `minimum`."""
@@ -55,7 +58,8 @@ def array(name: str, value: ArrayLike, *shapes: tuple[int, ...]) -> NDArray[np.f
     if result.shape not in shapes:
         allowed = " or ".join(str(shape) for shape in shapes)
         raise ValueError(f"{name} must have the shape {allowed}, got {result.shape}")
-    if not np.isfinite(result).all():
+    few = result.size <= _FEW
+    if not (all(map(math.isfinite, result.ravel().tolist())) if few else np.isfinite(result).all()):
         where = tuple(int(index) for index in np.argwhere(~np.isfinite(result))[0])
         raise ValueError(f"{name} must be finite, got {result[where]} at index {where}")
     return result

@@ -12,10 +12,9 @@ The approach term is potential-based, with potential -3 d and discount 0.98, so 
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
-Array = NDArray[np.float64]
+Numbers = Any  # float, or NDArray[np.float64]
 
 BONUS = 0.1
 SLOPE = 3.0
@@ -24,10 +23,10 @@ DISCOUNT = 0.98
 REWARDS = ("shaped", "dense", "sparse")
 
 
-def reward_terms(kind: str, before: Array, distance: Array, tolerance: float) -> dict[str, Array]:
+def reward_terms(kind: str, before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
     """Terms of the reward `kind`, each of the shape of `distance`; `before` is the distance one step earlier."""
     if kind == "shaped":
-        return {"in_tolerance": np.where(distance < tolerance, BONUS, 0.0), "approach": SLOPE * (before - DISCOUNT * distance)}
+        return {"in_tolerance": BONUS * (distance < tolerance), "approach": SLOPE * (before - DISCOUNT * distance)}
     if kind == "dense":
         return {"distance": -distance}
-    return {"miss": np.where(distance >= tolerance, -1.0, 0.0)}
+    return {"miss": (distance < tolerance) - 1.0}
