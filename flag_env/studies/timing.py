@@ -7,11 +7,18 @@ from collections.abc import Callable
 from typing import Any
 
 
-def fastest(jobs: dict[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
-    """Shortest time of each job [s], the jobs taking turns so that all see the same machine."""
+def fastest(
+    jobs: dict[str, Callable[[], Any]], rounds: int, prepare: dict[str, Callable[[], Any]] | None = None
+) -> dict[str, float]:
+    """Shortest time of each job [s], the jobs taking turns so that all see the same machine.
+
+    What `prepare` holds for a job is called before each of its runs and not timed.
+    """
     best = dict.fromkeys(jobs, float("inf"))
     for turn in range(rounds + 1):
         for name, job in jobs.items():
+            if prepare:
+                prepare[name]()
             start = time.perf_counter()
             job()
             if turn:  # the first turn compiles
