@@ -94,6 +94,18 @@ def record(output: Path = Path("runs/scenes"), quick: bool = False) -> None:
     run(output, quick)
 
 
+def accuracy(output: Path = Path("runs/accuracy"), quick: bool = False) -> None:
+    """Measure what accuracy costs in time: integrators, timesteps, dtypes, lattices, and how far a pose can be foretold.
+
+    Args:
+        output: folder for accuracy.json and accuracy.png; a run that was stopped goes on there.
+        quick: fewer timesteps, lattices and seconds.
+    """
+    from flag_env.studies.accuracy import run
+
+    run(output, quick)
+
+
 def main() -> None:
     """Run a subcommand."""
     try:
@@ -101,6 +113,14 @@ def main() -> None:
     except ImportError:
         sys.exit('the flag-env command needs the extra "cli": pip install "flag_env[cli]"')
     tyro.extras.subcommand_cli_from_dict(
-        {"effects": effects, "flutter": flutter, "record": record, "speed": speed, "stability": stability, "targets": targets},
+        {
+            "accuracy": accuracy,
+            "effects": effects,
+            "flutter": flutter,
+            "record": record,
+            "speed": speed,
+            "stability": stability,
+            "targets": targets,
+        },
         description="Studies and tools of flag_env.",
     )

@@ -62,13 +62,14 @@ def write(output: Path, name: str, rows: Sequence[dict[str, Any]], figure: Figur
     """Print the table and write `name`.json and `name`.png into `output`, whole or not at all."""
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"machine": machine(), "rows": rows, **more}, indent=1)
-    _replace(output / f"{name}.json", lambda path: path.write_text(text + "\n"))
-    _replace(output / f"{name}.png", lambda path: figure.savefig(path, dpi=120, format="png"))
+    replace_file(output / f"{name}.json", lambda path: path.write_text(text + "\n"))
+    replace_file(output / f"{name}.png", lambda path: figure.savefig(path, dpi=120, format="png"))
     print(table(rows))
     print(f"written: {output / name}.json, {output / name}.png")
 
 
-def _replace(path: Path, writer: Any) -> None:
+def replace_file(path: Path, writer: Any) -> None:
+    """Let `writer(path)` write a file that takes the place of the old one only once it is whole."""
     partial = path.with_name(path.name + ".partial")
     writer(partial)
     partial.replace(path)

@@ -103,7 +103,7 @@ def test_writing_leaves_whole_files(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["study.json", "study.png"]
 
 
-@pytest.mark.parametrize("command", ["effects", "flutter", "record", "speed", "stability", "targets"])
+@pytest.mark.parametrize("command", ["accuracy", "effects", "flutter", "record", "speed", "stability", "targets"])
 def test_commands_explain_themselves(command):
     code = "from flag_env.cli import main; main()"
     told = subprocess.run([sys.executable, "-c", code, command, "--help"], capture_output=True, text=True, check=True).stdout

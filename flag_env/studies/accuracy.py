@@ -1,0 +1,127 @@
+"""What accuracy costs in time.
+
+Time: error against a reference solution and wall time of the same run, for every integrator, several timesteps and both dtypes,
+on three scenes (`work_precision`, `reference`, `energy_budget`), with the accuracy presets of `Scene.tuned`. Space: one flag on
+ever finer lattices (`refinement`). Horizon: how fast errors grow, and, where they do, what a flag does on average beyond
+(`horizon`).
+
+Finished parts are kept beside the results; a run that was stopped goes on after them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from flag_env.physics import Scene
+from flag_env.physics.integrators import LFAB, Implicit, Leapfrog, Strang
+from flag_env.studies import accuracy_figure, horizon, refinement, report, work_precision
+from flag_env.studies.accuracy_scenes import METHODS, scenes, stepped
+from flag_env.studies.parts import Parts
+
+STANDARD = "LFAB, half its limit"
+"""The run whose averages the others are held against."""
+
+QUICK_SINGLE = ("LFAB", "RK4")
+"""Methods that a quick run measures in float32 too."""
+
+_SOURCES = ("accuracy", "accuracy_scenes", "energy_budget", "horizon", "reference", "refinement", "work_precision")
+
+
+def run(output: Path, quick: bool) -> None:
+    """Measure, print the tables, write accuracy.json and accuracy.png."""
+    here = Path(__file__).parent
+    sources = tuple(here / f"{name}.py" for name in _SOURCES)
+    parts = Parts(output / "accuracy.parts.json", sources, quick=quick)
+    chosen = scenes()
+    sizes = refinement.SIZES[:3] if quick else refinement.SIZES
+    with tqdm(desc="accuracy", unit="run", total=0) as bar:
+        rows = _work(parts, chosen, quick, bar)
+        found = _all(parts, bar, {f"lattice {size}": partial(refinement.poses, *size) for size in sizes})
+        space = refinement.table(list(found.values()), sizes)
+        seconds = 3.0 if quick else 12.0
+        grown = _all(parts, bar, {f"growth {name}": partial(horizon.growth, scene, seconds) for name, scene in chosen.items()})
+        growths = dict(zip(chosen, grown.values(), strict=True))
+        averages = _averages(parts, chosen, growths, quick, bar)
+    by_scene = {name: [row for row in rows if row["scene"] == name] for name in chosen}
+    gain = work_precision.gain(by_scene["gusty"])
+    excess = {name: work_precision.excess(own) for name, own in by_scene.items()}
+    figure = accuracy_figure.draw(rows, space, growths, averages)
+    brief = [{key: value for key, value in row.items() if not isinstance(value, list)} for row in rows]
+    details = {"space": space, "growth": growths, "averages": averages, "presets over the front": excess, "gain": gain}
+    report.write(output, "accuracy", brief, figure, times=work_precision.TIMES, errors=rows, **details)
+    print(report.table(space))
+    if averages:
+        print(report.table(averages))
+    for name, grown in growths.items():
+        until = f"1e-9 m becomes 1 mm after {grown['horizon']:.3g} s" if grown["horizon"] else "errors die out"
+        costs = ", ".join(f"{preset} {factor:.2f}" for preset, factor in excess[name].items())
+        print(f"{name}: errors grow at {grown['rate']:.2f} /s; {until}; time of presets over the front's: {costs}")
+    print(f"gusty: at equal wall time the report's scheme is {gain:.0f} times less accurate than LFAB at half its limit")
+    parts.close()
+
+
+def _all(parts: Parts, bar: Any, jobs: Mapping[str, Callable[[], Any]]) -> dict[str, Any]:
+    """Results of the jobs by name, each counted by the bar."""
+    bar.total += len(jobs)
+    bar.refresh()
+    results = {}
+    for name, job in jobs.items():
+        bar.set_postfix_str(name)
+        results[name] = parts.get(name, job)
+        bar.update()
+    return results
+
+
+def _work(parts: Parts, chosen: dict[str, Scene], quick: bool, bar: Any) -> list[dict[str, Any]]:
+    """Rows of work and precision of all scenes; each says whether it is on its scene's front."""
+    shares = work_precision.SHARES[:3] if quick else work_precision.SHARES
+    rounds, window = (2, 0.04) if quick else (5, work_precision.TIMES[0])
+    truths = _all(parts, bar, {f"reference {name}": partial(work_precision.truth, scene) for name, scene in chosen.items()})
+    jobs: dict[str, Callable[[], Any]] = {}
+    for name, scene in chosen.items():
+        expected = np.array(truths[f"reference {name}"])
+        for dtype in work_precision.DTYPES:
+            methods = QUICK_SINGLE if quick and dtype == "float32" else tuple(METHODS)
+            cases = work_precision.cases(scene, dtype, shares, methods)
+            jobs[f"{name} {dtype}"] = partial(work_precision.measure, name, cases, expected, rounds, window, bar.refresh)
+    found = _all(parts, bar, jobs)
+    rows: list[dict[str, Any]] = []
+    for name in chosen:
+        own = [row for dtype in work_precision.DTYPES for row in found[f"{name} {dtype}"]]
+        best = work_precision.front(own)
+        rows += [row | {"on the front": row in best} for row in own]
+    return rows
+
+
+def _runs(scene: Scene) -> dict[str, Scene]:
+    """What is compared past the horizon."""
+    single = scene.replace(dtype="float32")
+    unit = horizon.FRAME
+    return {
+        STANDARD: stepped(scene.replace(integrator=LFAB()), 0.5, unit),
+        "LFAB, 0.95, float32": stepped(single.replace(integrator=LFAB()), 0.95, unit),
+        "leapfrog (report), 0.95": stepped(scene.replace(integrator=Leapfrog()), 0.95, unit),
+        "Strang, 0.95, float32": stepped(single.replace(integrator=Strang()), 0.95, unit),
+        "implicit, 8 explicit limits": stepped(scene.replace(integrator=Implicit()), 0.5, unit),
+    }
+
+
+def _averages(parts: Parts, chosen: dict[str, Scene], growths: dict[str, Any], quick: bool, bar: Any) -> list[dict[str, Any]]:
+    """Rows of the comparison past the horizon, for scenes that have one; elsewhere paths can be compared for ever."""
+    settle, seconds = (1.0, 2.0) if quick else (4.0, 12.0)
+    rows: list[dict[str, Any]] = []
+    for name, scene in chosen.items():
+        if growths[name]["horizon"] is None:
+            continue
+        runs = _runs(scene)
+        names = list(runs)[:2] if quick else list(runs)
+        jobs = {f"averages of {name}, {run}": partial(horizon.watch, runs[run], settle, seconds) for run in names}
+        found = dict(zip(names, _all(parts, bar, jobs).values(), strict=True))
+        rows += [{"scene": name, **row} for row in horizon.compare(found, STANDARD)]
+    return rows

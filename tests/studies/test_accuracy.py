@@ -1,0 +1,147 @@
+"""The accuracy study measures what it says, picks up where it stopped, and writes whole files."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from flag_env.physics import Lattice, Scene, max_timestep, presets
+from flag_env.physics.effects import AirDrag, CosineWind, Gravity, Structural
+from flag_env.physics.integrators import LFAB, RK4, Implicit, Leapfrog, Strang
+from flag_env.studies import accuracy, energy_budget, horizon, refinement, work_precision
+from flag_env.studies.accuracy_scenes import METHODS, stepped
+from flag_env.studies.parts import Parts
+
+
+def small(damping="isotropic"):
+    wind = CosineWind((0.1, 0.2, 0.1), (5.0, 7.0, 3.0), (0.1, 0.05, 0.0))
+    effects = (Gravity(), Structural(40.0, 0.05, damping), AirDrag(0.5), wind)
+    return Scene(Lattice(1, 3, 4, 0.1, 0.02, 0.5), effects, LFAB())
+
+
+@pytest.mark.parametrize(("method", "order"), [(Leapfrog(), 1), (LFAB(), 2), (RK4(), 4)], ids=repr)
+def test_what_a_method_adds_to_the_energy_budget_falls_with_its_order(method, order):
+    """A wrong sign or factor in the power of any effect would leave a residual that does not fall."""
+    longest = {1: 2.5e-4, 2: 2e-3, 4: 2e-3}[order]
+    scene = small("axial").replace(integrator=method)
+    coarse, fine = (energy_budget.residual(scene.replace(timestep=h), 0.4) for h in (longest, longest / 2))
+    assert math.log2(coarse / fine) == pytest.approx(order, abs=0.25)
+    assert 0 < fine < 0.1
+
+
+def test_steps_divide_the_time_between_two_looks():
+    for method in METHODS.values():
+        scene = stepped(small().replace(integrator=method), 0.5, 20.0)
+        limit = max_timestep(scene)
+        aim = 0.5 * limit if math.isfinite(limit) else 8 * max_timestep(scene.replace(integrator=Strang()))
+        assert 20.0 / scene.timestep == pytest.approx(round(20.0 / scene.timestep), abs=1e-9)
+        assert 0.99 * aim < scene.timestep <= aim * (1 + 1e-9)
+    assert math.isinf(max_timestep(small().replace(integrator=Implicit())))
+
+
+def row(method, seconds, error, share=0.5, preset=False, dtype="float64"):
+    return {
+        "method": method, "dtype": dtype, "share of limit": share, "preset": preset,
+        "wall time per simulated s": seconds, "RMS error [m]": error,
+    }  # fmt: skip
+
+
+def test_front_gain_and_excess():
+    rows = [
+        row("leapfrog (report)", 1.0, 1e-3, 0.95),
+        row("leapfrog (report)", 4.0, 2.5e-4, 0.25),
+        row("LFAB", 2.0, 1e-6),
+        row("LFAB", 1.0, 1e-4, 0.95),
+        row("RK4", 3.0, 2e-6),
+        row("balanced", 2.0, 1e-5, 0.9, preset=True),
+    ]
+    assert work_precision.front(rows) == [rows[3], rows[2]]
+    assert work_precision.gain(rows) == pytest.approx(500.0)  # the report's error is 5e-4 at 2 s
+    assert work_precision.excess(rows) == {"balanced": pytest.approx(math.sqrt(2))}  # the front is there at sqrt(2) s
+
+
+def test_a_bilinear_cloth_is_resampled_exactly():
+    def cloth(rows, cols):
+        u, v = np.meshgrid(np.linspace(0, 1, rows), np.linspace(0, 1, cols), indexing="ij")
+        return np.stack([u, v, 2 * u * v], axis=-1)[None, None] * np.array([1.0, 3.0])[:, None, None, None, None]
+
+    np.testing.assert_allclose(refinement.resampled(cloth(9, 5), 3, 4), cloth(3, 4), rtol=1e-14, atol=1e-14)
+    assert refinement.resampled(cloth(3, 4), 3, 4).shape == (2, 1, 3, 4, 3)
+
+
+def test_the_refined_flag_is_the_same_flag():
+    first, second = (refinement.scene(*size) for size in ((5, 8), (10, 16)))
+    for scene in (first, second):
+        assert scene.lattice.masses.sum() == pytest.approx(0.15 * 1.5, rel=1e-12)
+        force = np.array(next(e for e in scene.effects if isinstance(e, CosineWind)).mean) * scene.lattice.size
+        np.testing.assert_allclose(force, 0.15 * 1.5 * np.array(refinement.WIND.mean), rtol=1e-12)
+
+
+def test_an_error_grows_at_the_rate_of_the_unstable_mode():
+    """A pendulum against the wind: its angle grows at the positive root of r^2 + (z / m) r = (wind / m) / L while it is small."""
+    pendulum = Scene(
+        Lattice(1, 1, 2, (0.5, 0.5), 0.1), (Gravity(0.0), Structural(2000.0, 1.0), CosineWind(mean=(-4.0, 0.0, 0.0)))
+    )
+    grown = horizon.growth(pendulum, 2.0)
+    rate = -5.0 + math.sqrt(25.0 + 4.0 / 0.1 / (0.5 - 4.0 / 2000.0))
+    assert grown["rate"] == pytest.approx(rate, rel=0.02)
+    assert grown["horizon"] == pytest.approx(math.log(1e6) / grown["rate"])
+
+
+def test_averages_are_told_apart_by_their_intervals():
+    random = np.random.default_rng(0)
+
+    def flags(mean):
+        return {"pose": random.normal(mean, 0.1, (32, 1, 2, 2, 3)).tolist(), "height": random.normal(mean, 0.1, 32).tolist()}
+
+    rows = horizon.compare({"other": flags(0.5), "same": flags(0.0), "standard": flags(0.0)}, "standard")
+    assert [row["run"] for row in rows[::2]] == ["standard", "other", "same"]
+    assert [row["agrees"] for row in rows] == [True, True, False, False, True, True]
+    height = rows[1]
+    assert height["low"] < height["mean"] < height["high"]
+    assert height["high"] - height["low"] == pytest.approx(2 * 1.96 * 0.1 / math.sqrt(32), rel=0.4)
+
+
+def test_finished_parts_are_not_measured_again(tmp_path):
+    path, calls = tmp_path / "parts.json", []
+
+    def measure():
+        calls.append(1)
+        return [1.0, None]
+
+    for _ in range(2):
+        assert Parts(path, (), quick=True).get("a", measure) == [1.0, None]
+    assert len(calls) == 1
+    Parts(path, (), quick=False).get("a", measure)
+    assert len(calls) == 2  # other settings ask for other results
+    parts = Parts(path, (), quick=False)
+    with pytest.raises(ZeroDivisionError):
+        parts.get("b", lambda: 1 / 0)
+    assert json.loads(path.read_text())["found"] == {"a": [1.0, None]}
+    assert [file.name for file in tmp_path.iterdir()] == ["parts.json"]
+    parts.close()
+    assert not path.exists()
+
+
+def test_the_study_from_end_to_end_and_after_a_stop(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(accuracy, "scenes", lambda: {"gusty": presets.flag(3, 4).adding(small().effects[-1])})
+    monkeypatch.setattr(accuracy, "METHODS", {"leapfrog (report)": Leapfrog(), "LFAB": LFAB()})
+    monkeypatch.setattr(accuracy, "QUICK_SINGLE", ("LFAB",))
+    monkeypatch.setattr(refinement, "SIZES", ((3, 4), (4, 5), (5, 8)))
+    with monkeypatch.context() as stopped:
+        stopped.setattr(horizon, "growth", lambda scene, seconds: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            accuracy.run(tmp_path, quick=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["accuracy.parts.json"]
+    grown = {"times": [0.0, 1.0], "distances": [1e-9, 1e-8], "rate": 2.3, "horizon": 6.0}
+    monkeypatch.setattr(horizon, "growth", lambda scene, seconds: grown)
+    monkeypatch.setattr(work_precision, "measure", lambda *args: 1 / 0)  # done before the stop
+    accuracy.run(tmp_path, quick=True)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["accuracy.json", "accuracy.png"]
+    written = json.loads((tmp_path / "accuracy.json").read_text())
+    assert {row["method"] for row in written["rows"]} == {"leapfrog (report)", "LFAB", "fast", "balanced", "reference"}
+    assert {row["run"] for row in written["averages"]} == {accuracy.STANDARD, "LFAB, 0.95, float32"}
+    for entry in written["rows"]:
+        assert 0 < entry["RMS error [m]"] < entry["worst error [m]"]
+    assert "less accurate than LFAB" in capsys.readouterr().out
