@@ -1,5 +1,6 @@
-"""What all tests share: a clean Python process to run a script in."""
+"""What all tests share: a clean Python process to run a script in, and a record of what the long forms measure."""
 
+import json
 import os
 import subprocess
 import sys
@@ -29,3 +30,28 @@ def run_python() -> Callable[..., str]:
         return result.stdout
 
     return run
+
+
+FIGURES = ROOT / "tests" / "results" / "hard_cases.json"
+"""Figures of the last run of the long forms: what each test gave to `record_property`, with date, versions and machine."""
+
+_measured: dict[str, dict[str, object]] = {}
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Keep what a long form has measured."""
+    if report.when == "call" and report.passed and "slow" in report.keywords:
+        _measured[report.nodeid] = {**dict(report.user_properties), "seconds": round(report.duration, 1)}
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the figures of the long forms that have run over those of earlier runs."""
+    if not _measured or hasattr(session.config, "workerinput"):
+        return
+    from flag_env.studies.report import machine
+
+    known = json.loads(FIGURES.read_text())["cases"] if FIGURES.exists() else {}
+    date = machine()["date"]
+    known |= {name: {**figures, "date": date} for name, figures in _measured.items()}
+    FIGURES.parent.mkdir(exist_ok=True)
+    FIGURES.write_text(json.dumps({"machine": machine(), "cases": dict(sorted(known.items()))}, indent=1) + "\n")

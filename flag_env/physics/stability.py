@@ -33,6 +33,12 @@ UNLIMITED = 1e-3
 _LOWERED = 0.99
 """Factor by which a part of a scene is lowered to see its share in the step limit."""
 
+_LARGE = 20_000
+"""Free particles from which on the limit is found to `_COARSE` only: the top eigenvalues lie ever closer together."""
+
+_COARSE = 1e-3
+"""Relative error of an eigenvalue that is found roughly."""
+
 _DENSE = 60
 """Free particles up to which dense eigenvalues are quicker than Lanczos."""
 
@@ -91,18 +97,18 @@ class SceneSpectrum:
         """
         if not (quadratic and self.stiffness.nnz) and not (linear and self.damping.nnz):
             return math.inf
-        step, vector = 1.0, None
+        step, vector, coarse = 1.0, None, self.stiffness.shape[0] > _LARGE
         for turn in range(50):
             matrix = quadratic * step**2 * self.stiffness + linear * step * self.damping
-            vector = self._top_vector(matrix, vector, 1e-8 if turn else 1e-3)
+            vector = self._top_vector(matrix, vector, _COARSE if coarse or not turn else 1e-8)
             a = quadratic * float(vector @ (self.stiffness @ vector))
             b = linear * float(vector @ (self.damping @ vector))
             if a == b == 0.0:
                 return math.inf
             last, step = step, 2.0 * bound / (b + math.sqrt(b * b + 4.0 * a * bound))
-            if abs(step - last) <= 1e-9 * step:
+            if abs(step - last) <= (_COARSE if coarse else 1e-9) * step:
                 break
-        return step
+        return (1.0 - 2.0 * _COARSE) * step if coarse else step  # on the safe side of what a coarse vector leaves open
 
     def damped_step(self) -> float:
         """See `Spectrum`. The inverse of the top eigenvalue of K u = e Z u; 0 where a mode is elastic but not damped."""
