@@ -100,7 +100,7 @@ class SceneSpectrum:
         step, vector, coarse = 1.0, None, self.stiffness.shape[0] > _LARGE
         for turn in range(50):
             matrix = quadratic * step**2 * self.stiffness + linear * step * self.damping
-            vector = self._top_vector(matrix, vector, _COARSE if coarse or not turn else 1e-8)
+            vector = self._top_vector(matrix, vector, _COARSE if coarse or not turn else 1e-6)
             a = quadratic * float(vector @ (self.stiffness @ vector))
             b = linear * float(vector @ (self.damping @ vector))
             if a == b == 0.0:
