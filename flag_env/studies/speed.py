@@ -1,67 +1,63 @@
-"""How fast the simulator is, as ratios to a plain Numba flag measured in the same run."""
+"""How fast the package is, as ratios to baselines measured in the same run; one table, one figure, one JSON file.
+
+Every row has a bar, which the project holds itself to, and an aim. Baselines that are not installed are left out and said so.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
-from flag_env.physics import Simulator, effects, presets
-from flag_env.studies import report
-from flag_env.studies.plain import PlainFlag
-from flag_env.studies.timing import fastest
+from flag_env.studies import report, speed_envs, speed_kernels, speed_starts
+from flag_env.studies.roofline import roofline
+from flag_env.studies.speed_rows import Row
 
-SIZES = ((10, 16), (20, 32), (40, 64))
-DTYPES = ("float32", "float64")
-
-
-def measure(rows: int, cols: int, dtype: str, rounds: int) -> dict[str, Any]:
-    """Particle-steps per second of one flag with gravity and the three kinds of springs, ours and plain, on one thread."""
-    scene = presets.flag(rows, cols, dtype=dtype).without(effects.AirDrag, effects.CosineWind)
-    simulator = Simulator(scene)
-    links = [effect for effect in scene.effects if isinstance(effect, effects.LinkEffect)]
-    stiffness, viscosity = (tuple(getattr(link, name) for link in links) for name in ("stiffness", "viscosity"))
-    lattice = scene.lattice
-    plain = PlainFlag(
-        rows, cols, lattice.steps[:2], lattice.masses, stiffness, viscosity, simulator.timestep, dtype
-    )  # fmt: skip
-    steps = max(1, 1_000_000 // lattice.size)
-    times = fastest({"ours": lambda: simulator.step(steps), "plain": lambda: plain.step(steps)}, rounds)
-    work = steps * lattice.size / 1e6
-    return {
-        "lattice": f"{rows}x{cols}",
-        "dtype": dtype,
-        "M particle-steps/s": work / times["ours"],
-        "plain Numba": work / times["plain"],
-        "ratio": times["plain"] / times["ours"],
-    }
+PARTS: dict[str, Callable[[bool], list[Row]]] = {
+    "one flag": speed_kernels.one_flag,
+    "many flags": speed_kernels.many_flags,
+    "simulated seconds": speed_kernels.simulated_seconds,
+    "growing lattices": speed_kernels.growing,
+    "one environment": speed_envs.one_environment,
+    "vector environment": speed_envs.vector_environment,
+    "frames": speed_envs.frames,
+    "starts": speed_starts.starts,
+}
 
 
 def run(output: Path, quick: bool) -> None:
     """Measure, print the table, write speed.json and speed.png."""
-    cases = [(rows, cols, dtype) for dtype in DTYPES for rows, cols in SIZES]
-    rows = [measure(*case, rounds=3 if quick else 15) for case in tqdm(cases, desc="speed")]
-    report.write(output, "speed", rows, _figure(rows))
+    rows: list[Row] = []
+    with tqdm(PARTS.items(), desc="speed") as bar:
+        for name, part in bar:
+            bar.set_postfix_str(name)
+            rows += part(quick)
+    bound = roofline(quick)
+    report.write(output, "speed", [row.entry() for row in rows], _figure(rows), roofline=bound)
+    print("\nwhat the kernel could do, and does (20 x 32, one thread):")
+    print(f"floating-point instructions by register: {bound.pop('instructions')}")
+    print(report.table([{"": name, **values} for name, values in bound.items()]))
 
 
-def _figure(rows: list[dict[str, Any]]) -> Figure:
-    figure = Figure(figsize=(7, 4), layout="constrained")
+def _figure(rows: list[Row]) -> Figure:
+    """How many times better than its bar each figure is; a tick where the aim stands."""
+    judged = [row for row in rows if row.bar]
+    figure = Figure(figsize=(8.5, 0.36 * len(judged) + 1.2), layout="constrained")
     axes = figure.subplots()
-    names = [f"{row['lattice']}\n{row['dtype']}" for row in rows]
-    places = range(len(rows))
-    axes.bar(
-        [place - 0.2 for place in places], [row["M particle-steps/s"] for row in rows], 0.4, label="flag_env", color="#c8372d"
-    )
-    axes.bar(
-        [place + 0.2 for place in places], [row["plain Numba"] for row in rows], 0.4, label="plain Numba loop", color="#9aa3ad"
-    )
-    for place, row in zip(places, rows, strict=True):
-        axes.annotate(f"{row['ratio']:.1f} x", (place - 0.2, row["M particle-steps/s"]), ha="center", va="bottom", fontsize=9)
-    axes.set_xticks(places, names)
-    axes.set_ylabel("million particle-steps per second")
-    axes.set_title("One flag, gravity and springs, one thread")
+    places = range(len(judged), 0, -1)
+    colors = {"aim": "#2e8b57", "bar": "#e0a030", "no": "#c8372d", "": "#9aa3ad"}
+    axes.barh(places, [row.share(row.measured) for row in judged], color=[colors[row.reached] for row in judged], height=0.62)
+    for place, row in zip(places, judged, strict=True):
+        axes.plot([row.share(row.aim)] * 2, [place - 0.4, place + 0.4], color="#20262e", lw=2)
+        axes.annotate(
+            f" {row.measured:.3g} {row.unit}", (max(row.share(row.measured), row.share(row.aim)), place), va="center", fontsize=8
+        )
+    axes.axvline(1.0, color="#20262e", lw=0.8, ls=":")
+    axes.set_xscale("log")
+    axes.set_xlim(0.3, axes.get_xlim()[1] * 2.5)
+    axes.set_yticks(list(places), [row.figure for row in judged], fontsize=8)
+    axes.set_xlabel("times better than the bar (dotted); tick: the aim")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False)
     return figure

@@ -11,8 +11,9 @@ import pytest
 
 from flag_env.physics import Simulator, effects, presets
 from flag_env.studies import effects as effects_study
-from flag_env.studies import gallery, report, speed
+from flag_env.studies import gallery, report
 from flag_env.studies.plain import PlainFlag
+from flag_env.studies.speed_rows import Row
 from flag_env.studies.timing import fastest
 
 
@@ -54,9 +55,10 @@ def test_table_is_markdown():
     assert len({len(line) for line in lines}) == 1
 
 
-def test_speed_rows_hold_a_ratio():
-    row = speed.measure(3, 4, "float32", rounds=1)
-    assert row["ratio"] == pytest.approx(row["M particle-steps/s"] / row["plain Numba"])
+def test_a_speed_row_says_what_is_reached():
+    assert [Row("", "x", value, 2.0, 4.0).reached for value in (1.9, 2.0, 4.0)] == ["no", "bar", "aim"]
+    assert [Row("", "ms", value, 4.0, 2.0, less=True).reached for value in (4.1, 4.0, 2.0)] == ["no", "bar", "aim"]
+    assert Row("", "x", 1.0).reached == ""
 
 
 def test_effects_rows_sum_up():

@@ -1,0 +1,119 @@
+"""Speed of the simulator alone, beside a plain Numba loop and MuJoCo's cloth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from flag_env.physics import Scene, Simulator, effects, integrators, max_timestep, presets
+from flag_env.studies import mujoco_flag
+from flag_env.studies.plain import PlainFlag
+from flag_env.studies.speed_rows import Row
+from flag_env.studies.timing import fastest
+
+SIZES = ((10, 16), (20, 32), (40, 64))
+BARS = {(20, 32, "float32"): (5.0, 10.0), (20, 32, "float64"): (2.5, 3.5), (10, 16, "float32"): (2.5, 5.0)}
+GROWING = ((5, 8), (10, 16), (20, 32), (40, 64), (80, 128), (160, 256))
+COPIES = 64
+
+
+def springs(rows: int, cols: int, dtype: str, **scene: Any) -> Scene:
+    """A flag with gravity and the three kinds of springs."""
+    return presets.flag(rows, cols, dtype=dtype, **scene).without(effects.AirDrag, effects.CosineWind)
+
+
+def plain_of(scene: Scene, timestep: float) -> PlainFlag:
+    """The plain Numba flag of the same scene."""
+    links = [effect for effect in scene.effects if isinstance(effect, effects.LinkEffect)]
+    stiffness, viscosity = (tuple(getattr(link, name) for link in links) for name in ("stiffness", "viscosity"))
+    lattice = scene.lattice
+    return PlainFlag(
+        lattice.rows, lattice.cols, lattice.steps[:2], lattice.masses, stiffness, viscosity, timestep, scene.dtype
+    )  # fmt: skip
+
+
+def one_flag(quick: bool) -> list[Row]:
+    """Particle-steps per second of one flag, ours over plain."""
+    rows = []
+    for dtype in ("float32", "float64"):
+        for up, along in SIZES:
+            scene = springs(up, along, dtype)
+            simulator = Simulator(scene, threads=1)
+            plain = plain_of(scene, simulator.timestep)
+            steps = max(1, 300_000 // scene.lattice.size)
+            jobs = {"ours": _stepping(simulator, steps), "plain": _stepping(plain, steps)}
+            times = fastest(jobs, 15 if quick else 60)
+            speed = {name: steps * scene.lattice.size / 1e6 / time for name, time in times.items()}
+            bar, aim = BARS.get((up, along, dtype), (0.0, 0.0))
+            note = f"{speed['ours']:.1f} against {speed['plain']:.1f} M particle-steps/s"
+            rows.append(
+                Row(f"one {up} x {along} flag, {dtype}", "x plain Numba", times["plain"] / times["ours"], bar, aim, note=note)
+            )
+    return rows
+
+
+def _stepping(flag: Any, steps: int) -> Any:
+    return lambda: flag.step(steps)
+
+
+def many_flags(quick: bool) -> list[Row]:
+    """64 flags of 10 x 16 on one and on two threads."""
+    scene = springs(10, 16, "float32")
+    one, two = (Simulator(scene, COPIES, threads=threads) for threads in (1, 2))
+    plain = plain_of(scene, one.timestep)
+    steps = 100
+    jobs = {"one": _stepping(one, steps), "two": _stepping(two, steps), "plain": _stepping(plain, steps)}
+    times = fastest(jobs, 15 if quick else 60)
+    speed = COPIES * steps * scene.lattice.size / 1e6 / times["one"]
+    return [
+        Row("64 flags, 10 x 16, float32, 1 thread", "x plain Numba", COPIES * times["plain"] / times["one"], 5.0, 10.0,
+            note=f"{speed:.1f} M particle-steps/s"),
+        Row("the same, 2 threads", "x 1 thread", times["one"] / times["two"], 1.85, 1.95),
+    ]  # fmt: skip
+
+
+def simulated_seconds(quick: bool) -> list[Row]:
+    """Simulated seconds per second, 20 x 32: balanced accuracy, against the plain loop and MuJoCo at their largest steps."""
+    base = springs(20, 32, "float64")
+    balanced = springs(20, 32, "float32", integrator=integrators.LFAB()).tuned("balanced")
+    simulator = Simulator(balanced, threads=1)
+    largest = max_timestep(base.replace(integrator=integrators.Leapfrog()))
+    plain = plain_of(base, largest)
+    jobs = {"ours": _stepping(simulator, 500), "plain": _stepping(plain, 500)}
+    times = fastest(jobs, 15 if quick else 60)
+    ours, theirs = 500 * simulator.timestep / times["ours"], 500 * largest / times["plain"]
+    rows = [
+        Row(
+            "simulated s/s, 20 x 32, balanced",
+            "x plain Numba",
+            ours / theirs,
+            4.0,
+            10.0,
+            note=f"{ours:.1f} against {theirs:.2f} s/s",
+        )
+    ]
+    cloth = mujoco_flag.seconds_per_second(base, 0.05 if quick else 0.2)
+    if cloth is None:
+        rows.append(Row("the same against MuJoCo flex", "s/s", ours, note="mujoco is not installed"))
+    else:
+        note = f"{cloth.speed:.3g} s/s at a step of {1e3 * cloth.timestep:g} ms"
+        rows.append(Row("the same against MuJoCo flex", "x MuJoCo", ours / cloth.speed, 20.0, 50.0, note=note))
+    return rows
+
+
+def growing(quick: bool) -> list[Row]:
+    """Cost of a particle-step at 160 x 256 over that at 5 x 8, and at the sizes between."""
+    cost = {}
+    for up, along in GROWING:
+        scene = springs(up, along, "float32").replace(timestep=1e-6)
+        simulator = Simulator(scene, threads=1)
+        steps = max(1, 300_000 // scene.lattice.size)
+        times = fastest({"ours": _stepping(simulator, steps)}, 3 if quick else 10)
+        cost[up, along] = 1e9 * times["ours"] / steps / scene.lattice.size
+    sizes = np.log([up * along for up, along in cost])
+    slope = float(np.polyfit(sizes, np.log(list(cost.values())), 1)[0])
+    worst = cost[GROWING[-1]] / cost[GROWING[0]]
+    note = "ns a particle-step: " + ", ".join(f"{up}x{along} {ns:.1f}" for (up, along), ns in cost.items())
+    note += f"; cost ~ particles^{1 + slope:.2f}"
+    return [Row("cost of growth, 5 x 8 to 160 x 256", "x linear", worst, 1.3, 1.1, less=True, note=note)]

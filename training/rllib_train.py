@@ -1,0 +1,110 @@
+"""Trains PPO with RLlib, on one machine or a cluster: `python -m training.rllib_train`.
+
+For whoever outgrows one machine: each env runner is a process with a native vector environment of its own, and steps/s grow with
+their number. Needs the extra "distributed": pip install -e ".[distributed]". The folder of a run receives `checkpoint/`, RLlib's
+own format, after each iteration, and `progress.jsonl`, a line each. A checkpoint holds pickles, and loading one runs code: resume
+only trainings of your own.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Arguments of a training."""
+
+    control: str = "wind"
+    """What the agent acts on: "wind" or "mast"."""
+    level: str = "breeze"
+    """Difficulty: "calm" or "breeze"."""
+    runners: int = 2
+    """Env runners, each a process with one thread."""
+    envs_per_runner: int = 16
+    """Flags in the vector environment of each runner."""
+    iterations: int = 40
+    """Iterations in all, those before a resumption included."""
+    batch: int = 4096
+    """Environment steps of one iteration, of all runners together."""
+    seed: int = 0
+    """Seed of everything random."""
+    address: str | None = None
+    """Of a running Ray cluster, as ray.init takes it ("auto", "ray://host:10001"); None: a Ray of this machine alone."""
+    output: Path = Path("runs/rllib")
+    """Folder of the run."""
+    resume: bool = False
+    """Go on from the folder's checkpoint."""
+
+
+def config(arguments: Arguments) -> Any:
+    """RLlib's configuration: PPO on the new API stack, with the hyperparameters of training/hyperparams/ppo.yml."""
+    import gymnasium
+    from ray.rllib.algorithms.ppo import PPOConfig
+    from ray.rllib.core.rl_module.default_model_config import DefaultModelConfig
+
+    return (
+        PPOConfig()
+        .environment("flag_env:Flag-v0", env_config={"control": arguments.control, "level": arguments.level})
+        .env_runners(
+            num_env_runners=arguments.runners,
+            num_envs_per_env_runner=arguments.envs_per_runner,
+            gym_env_vectorize_mode=gymnasium.VectorizeMode.VECTOR_ENTRY_POINT,
+        )
+        .training(
+            train_batch_size_per_learner=arguments.batch, minibatch_size=512, num_epochs=8, lr=5e-4, gamma=0.98, lambda_=0.95,
+            entropy_coeff=0.0, clip_param=0.2, vf_clip_param=float("inf"), use_kl_loss=False, grad_clip=0.5,
+        )
+        .rl_module(model_config=DefaultModelConfig(fcnet_hiddens=[128, 128], fcnet_activation="relu", vf_share_layers=False))
+        .learners(num_learners=0)
+        .debugging(seed=arguments.seed)
+    )  # fmt: skip
+
+
+def run(arguments: Arguments) -> dict[str, Any]:
+    """Train and return the last line of `progress.jsonl`."""
+    os.environ["OMP_NUM_THREADS"] = "1"  # runners are processes: more threads would contend for the same cores
+    import ray
+
+    folder = arguments.output.resolve()
+    place = folder / "checkpoint"
+    if place.exists() and not arguments.resume:
+        raise SystemExit(f"{folder} holds a training; go on with --resume, or choose another --output")
+    ray.init(address=arguments.address, num_cpus=None if arguments.address else max(arguments.runners + 1, 2))
+    algorithm = config(arguments).build_algo()
+    try:
+        if place.exists():
+            algorithm.restore_from_path(str(place))
+        folder.mkdir(parents=True, exist_ok=True)
+        line: dict[str, Any] = {}
+        while algorithm.training_iteration < arguments.iterations:
+            start = time.perf_counter()
+            result = algorithm.train()
+            sampled = result["env_runners"]
+            line = {
+                "iteration": result["training_iteration"],
+                "steps": int(sampled["num_env_steps_sampled_lifetime"]),
+                "return": float(sampled.get("episode_return_mean", float("nan"))),
+                "seconds": time.perf_counter() - start,
+                "steps/s": arguments.batch / (time.perf_counter() - start),
+                "sampling steps/s": arguments.batch / result["timers"]["env_runner_sampling_timer"],
+            }
+            with (folder / "progress.jsonl").open("a") as file:
+                file.write(json.dumps(line) + "\n")
+            print(line)
+            algorithm.save_to_path(str(place))
+        return line
+    finally:
+        algorithm.stop()
+        ray.shutdown()
+
+
+if __name__ == "__main__":
+    run(tyro.cli(Arguments, description=__doc__))
