@@ -42,6 +42,9 @@ def prepare(folder: Path, arguments: Any, hyperparameters: Any) -> None:
         if changed:
             raise ValueError(f"{folder} holds a run with other values of {', '.join(changed)}; resume it with the same")
         return
+    if arguments.resume and folder.exists():
+        for partial in folder.glob(f".{path.stem}-*{path.suffix}"):  # of a run killed while it described itself
+            partial.unlink()
     if folder.exists() and any(folder.iterdir()):
         if not arguments.overwrite:
             raise ValueError(f"{folder} already holds a run; go on with --resume or replace it with --overwrite")

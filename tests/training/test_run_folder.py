@@ -2,13 +2,13 @@
 
 import pytest
 
+from training import hyperparameters
 from training.run_folder import prepare
 
 
 @pytest.fixture
 def made(tiny):
     """Arguments of a run whose folder is there, and a function that prepares it again with changes."""
-    from training import hyperparameters
 
     def again(**changed):
         arguments = tiny(**changed)
@@ -56,3 +56,11 @@ def test_each_task_has_a_folder_of_its_own(tiny):
     assert len(names) == 4
     assert "Flag-v0-ppo-0" in names
     assert "Flag-v0-mast-calm-ppo-0" in names
+
+
+def test_a_run_killed_while_it_described_itself_starts_anew(tiny):
+    arguments = tiny(resume=True)
+    arguments.folder.mkdir(parents=True)
+    (arguments.folder / ".arguments-123.json").write_text("{")
+    prepare(arguments.folder, arguments, hyperparameters.read(arguments.hyperparameters, arguments.env_id))
+    assert [path.name for path in arguments.folder.iterdir()] == ["arguments.json"]
