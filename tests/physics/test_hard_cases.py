@@ -290,7 +290,7 @@ def gradient(effect, lattice, positions):
 
 @slow
 def test_a_large_lattice():
-    scene = presets.flag(512, 512, dtype="float32", timestep=1e-5)
+    scene = presets.flag(512, 512, dtype="float32", timestep=5e-6)
     sim = Simulator(scene)
     sim.step(20)
     assert np.isfinite(sim.positions).all()
@@ -312,8 +312,10 @@ every = (
 air = e.AirPressure(gusts=e.Gusts(1.0))  # of another unit than the cosine wind
 count = 0
 for layers, (rows, cols) in itertools.product((1, 2), ((1, 1), (1, 6), (6, 1), (2, 2), (4, 5))):
-    scene = Scene(Lattice(layers, rows, cols, 0.1, 0.01, 0.3), every, i.Leapfrog(), timestep=1e-4, perturbation=1e-3)
-    for one in (scene, scene.without(e.CosineWind).adding(air)) if layers == 1 else (scene,):
+    lattice = Lattice(layers, rows, cols, 0.1, 0.01, 0.3)
+    fitting = every if rows > 1 else every[:8] + every[9:]  # one pinned particle makes no pole to collide with
+    scene = Scene(lattice, fitting, i.Leapfrog(), timestep=1e-4, perturbation=1e-3)
+    for one in (scene, scene.without(e.CosineWind).adding(air)) if layers == 1 and min(rows, cols) > 1 else (scene,):
         sim = Simulator(one, copies=2)
         sim.step(30)
         assert np.isfinite(sim.positions).all()
