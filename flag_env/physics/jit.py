@@ -56,8 +56,9 @@ def kernel(function: F) -> F:
 
 def _kept(dispatcher: Any) -> Any:
     """The dispatcher, its machine code kept on disk if it belongs to this package."""
-    if Path(dispatcher.py_func.__code__.co_filename).is_relative_to(_PACKAGE):
-        dispatcher._cache = _SourceKeyedCache(dispatcher.py_func, ())
+    function = getattr(dispatcher, "py_func", None)  # None: NUMBA_DISABLE_JIT
+    if function is not None and Path(function.__code__.co_filename).is_relative_to(_PACKAGE):
+        dispatcher._cache = _SourceKeyedCache(function, ())
     return dispatcher
 
 
@@ -72,7 +73,7 @@ def cached(function: F, extra_sources: Iterable[Path] | None = ()) -> F:
         Source files outside `flag_env.physics` whose code is compiled in; None where they have no file: then nothing is kept.
     """
     dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False)(function)
-    if extra_sources is not None:
+    if extra_sources is not None and dispatcher is not function:
         dispatcher._cache = _SourceKeyedCache(function, tuple(sorted(extra_sources)))
     return dispatcher  # type: ignore[no-any-return]
 
