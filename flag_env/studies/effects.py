@@ -98,7 +98,7 @@ def measure(name: str, scene: Scene, rounds: int) -> list[dict[str, Any]]:
         found = [total - per[f"without {kind}"]]
         if kind in forces:
             found.append(per[f"{type(effect).__name__} alone"] - base)
-        costs[kind] = max(sum(found) / len(found), 0.0)
+        costs[kind] = sum(found) / len(found)
     rows = [_row(name, part, cost, total) for part, cost in costs.items()]
     return [*rows, _row(name, "sum", sum(costs.values()), total), _row(name, "whole step", total, total)]
 
@@ -163,7 +163,7 @@ def _figure(rows: list[dict[str, Any]]) -> Figure:
         for row in rows:
             if row["scene"] != name or row["part"] in ("sum", "whole step"):
                 continue
-            cost = row["ns per particle-step"]
+            cost = max(row["ns per particle-step"], 0.0)
             axes.barh(height, cost, left=left, color=colours[row["part"]], label=row["part"], edgecolor="white", linewidth=0.5)
             left += cost
         whole = next(row for row in rows if row["scene"] == name and row["part"] == "whole step")["ns per particle-step"]
