@@ -111,6 +111,18 @@ def test_an_accuracy_below_round_off_names_what_is_allowed():
         random_scene(0).tuned(1e-15)
 
 
+def test_an_accuracy_past_the_horizon_is_refused_and_the_one_named_is_kept():
+    """A limp flag in a wind of three times its weight that turns round thrice a second."""
+    scene = presets.flag(6, 7, stiffness=20.0, viscosity=1e-3, drag=0.2)
+    force = scene.lattice.masses.mean() * np.array((0.0, 30.0, 15.0))
+    scene = scene.adding(effects.CosineWind(force, (20.0, 25.0, 30.0)))
+    with pytest.raises(ValueError, match=r"past its horizon") as refusal:
+        scene.tuned(1e-6)
+    least = float(str(refusal.value).split("at least ")[1].split(" m ")[0])
+    assert least > 1e-5  # far above round-off
+    assert distance(scene.tuned(least)) <= least
+
+
 @pytest.mark.parametrize(
     "effect",
     [
