@@ -1,10 +1,11 @@
 """What each effect costs: nanoseconds per particle-step, and its share of its scene's step.
 
 All measured steps start from the same motion, that of the whole scene, and take turns. The integrator's cost is that of a step
-without any effect. A force's is the mean of what it adds to the integrator alone and of what the whole step saves without it:
-beside others it finds more in the processor's cache and less of its registers than alone. What corrects positions after a step
-(`project`) has nothing to correct alone; there the saving counts. Nothing makes the costs add up to the whole step by
-construction: their sum beside the whole, measured by itself, tells how far to trust them.
+without any effect. A scene is then built up effect by effect, and an effect costs what it adds. Since that depends on the company
+(the compiler and the processor's cache treat a step as a whole), it is built up twice, the forces from the first to the last and
+from the last to the first, and the mean counts: a Shapley value (Shapley 1953) over these two orders. What corrects positions
+after a step (`project`) has nothing to correct alone, and comes last both times. The table gives what was added in either order
+too; the sum stands beside the whole step, measured by itself.
 
 Start times come from fresh processes: with nothing compiled yet; with an effect more or less than has been compiled before; and
 from cache.
@@ -16,6 +17,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from flag_env.physics import Scene, Simulator, effects, presets
+from flag_env.physics.effects import Effect
 from flag_env.studies import report
 from flag_env.studies.timing import fastest
 
@@ -36,6 +39,9 @@ scene = scenes()[{name!r}]
 Simulator({scene}).step(1)
 print(imported - begin, time.perf_counter() - imported)
 """
+
+PLACES = 4
+"""Simulators of each cut, the quickest of which counts: where its arrays lie in memory can make a step a fifth slower."""
 
 SECONDS = 0.5
 """How long the whole scene moves before it is measured: by then a cloth has folded and touches [s]."""
@@ -62,22 +68,27 @@ def other(scene: Scene) -> Scene:
     return scene.adding(effects.AirDrag()) if changed == scene else changed
 
 
+def _beginnings(order: list[Effect]) -> list[list[Effect]]:
+    return [order[:count] for count in range(len(order) + 1)]
+
+
 def measure(name: str, scene: Scene, rounds: int) -> list[dict[str, Any]]:
     """Rows for one scene: the integrator, each effect, their sum, the whole."""
     whole = Simulator(scene, threads=1)
     whole.step(max(1, round(SECONDS / whole.timestep)) if scene.lattice.dimensions > 1 else 1)
     positions, velocities = whole.positions, whole.velocities
     fixed = scene.replace(timestep=whole.timestep, allow_unstable=True)
-    kinds = [type(effect) for effect in scene.effects]
-    forces = {type(effect).__name__ for effect, run in zip(scene.effects, whole._effects, strict=True) if hasattr(run, "force")}
-    cuts = {"integrator": fixed.replace(effects=()), "whole step": fixed}
-    cuts |= {
-        f"{type(effect).__name__} alone": fixed.replace(effects=(effect,))
-        for effect in fixed.effects
-        if type(effect).__name__ in forces
-    }
-    cuts |= {f"without {kind.__name__}": fixed.without(kind) for kind in kinds}
-    simulators = {part: Simulator(cut, threads=1) for part, cut in cuts.items()}
+    acts = [hasattr(run, "force") for run in whole._effects]
+    forces = [effect for effect, force in zip(scene.effects, acts, strict=True) if force]
+    corrections = [effect for effect, force in zip(scene.effects, acts, strict=True) if not force]
+    orders = [[*forces, *corrections], [*reversed(forces), *corrections]]
+
+    def cut(held: list[Effect]) -> Scene:
+        return fixed.replace(effects=tuple(effect for effect in fixed.effects if effect in held))
+
+    parts: dict[Scene | str, Scene] = {one: one for order in orders for one in map(cut, _beginnings(order))}
+    parts["whole step"] = fixed
+    simulators = {(part, i): Simulator(one, threads=1) for part, one in parts.items() for i in range(PLACES)}
     steps = max(1, 50_000 // scene.lattice.size)
 
     def prepare(simulator: Simulator) -> None:
@@ -86,25 +97,28 @@ def measure(name: str, scene: Scene, rounds: int) -> list[dict[str, Any]]:
         simulator.step(1)  # makes the lists that a collision goes on from
 
     times = fastest(
-        {part: lambda simulator=simulator: simulator.step(steps) for part, simulator in simulators.items()},  # type: ignore[misc]
+        {place: partial(simulator.step, steps) for place, simulator in simulators.items()},
         rounds,
-        {part: lambda simulator=simulator: prepare(simulator) for part, simulator in simulators.items()},  # type: ignore[misc]
+        {place: partial(prepare, simulator) for place, simulator in simulators.items()},
     )
-    per = {part: 1e9 * seconds / (steps * scene.lattice.size) for part, seconds in times.items()}
-    base, total = per["integrator"], per["whole step"]
-    costs = {"integrator": base}
+    best = {part: min(times[part, i] for i in range(PLACES)) for part in parts}
+    per = {part: 1e9 * seconds / (steps * scene.lattice.size) for part, seconds in best.items()}
+    total = per["whole step"]
+    rows = [_row(name, "integrator", [per[cut([])]], total)]
     for effect in scene.effects:
-        kind = type(effect).__name__
-        found = [total - per[f"without {kind}"]]
-        if kind in forces:
-            found.append(per[f"{type(effect).__name__} alone"] - base)
-        costs[kind] = sum(found) / len(found)
-    rows = [_row(name, part, cost, total) for part, cost in costs.items()]
-    return [*rows, _row(name, "sum", sum(costs.values()), total), _row(name, "whole step", total, total)]
+        added = []
+        for order in orders:
+            before = order[: order.index(effect)]
+            added.append(per[cut([*before, effect])] - per[cut(before)])
+        rows.append(_row(name, type(effect).__name__, added, total))
+    rows.append(_row(name, "sum", [sum(row["ns per particle-step"] for row in rows)], total))
+    return [*rows, _row(name, "whole step", [total], total)]
 
 
-def _row(scene: str, part: str, cost: float, whole: float) -> dict[str, Any]:
-    return {"scene": scene, "part": part, "ns per particle-step": cost, "share": cost / whole}
+def _row(scene: str, part: str, costs: list[float], whole: float) -> dict[str, Any]:
+    mean = sum(costs) / len(costs)
+    spread = f"{min(costs):.1f} to {max(costs):.1f}" if len(costs) > 1 else ""
+    return {"scene": scene, "part": part, "ns per particle-step": mean, "in the two orders": spread, "share": mean / whole}
 
 
 def agreement(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -144,7 +158,7 @@ def run(output: Path, quick: bool) -> None:
     chosen = {name: scene for name, scene in scenes().items() if not quick or name in ("rope", "flag")}
     rows: list[dict[str, Any]] = []
     for name, scene in tqdm(chosen.items(), desc="cost"):
-        rows += measure(name, scene, rounds=30 if quick else 400)
+        rows += measure(name, scene, rounds=10 if quick else 60)
     starts = [start_times(name) for name in tqdm(chosen, desc="start")]
     sums = agreement(rows)
     report.write(output, "effects", rows, _figure(rows), agreement=sums, starts=starts)

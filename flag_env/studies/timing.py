@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
+
+K = TypeVar("K")
 
 
-def fastest(
-    jobs: dict[str, Callable[[], Any]], rounds: int, prepare: dict[str, Callable[[], Any]] | None = None
-) -> dict[str, float]:
+def fastest(jobs: dict[K, Callable[[], Any]], rounds: int, prepare: dict[K, Callable[[], Any]] | None = None) -> dict[K, float]:
     """Shortest time of each job [s], the jobs taking turns so that all see the same machine.
 
     What `prepare` holds for a job is called before each of its runs and not timed.

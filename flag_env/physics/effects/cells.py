@@ -127,7 +127,7 @@ def find_pairs(sx, sy, sz, per_cell, start, partner, order, column, code, free, 
             one[found] = a
             two[found] = t
             apart = np.int64(code[t]) - np.int64(code[a]) + span
-            found += np.int64(free[min(max(apart, 0), 2 * span)])
+            found += int(np.int64(free[min(max(apart, 0), 2 * span)]))
         p = past
     return found
 
