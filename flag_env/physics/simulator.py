@@ -1,12 +1,8 @@
-"""Advances one copy of a scene, or many in parallel.
-
-State is kept flat, one contiguous row per coordinate: `x, v` (copies, 3, particles) in the scene's dtype. Copies are independent:
-each is stepped by itself, so its bits do not depend on how many there are nor on the number of threads.
-"""
+"""Advances one copy of a scene, or many in parallel."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -14,21 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from flag_env.physics import diagnostics, validate
-from flag_env.physics.bound import bind, rebind, state_of, winds
-from flag_env.physics.compose import compiled_run
-from flag_env.physics.coordinates import Coordinates
-from flag_env.physics.effects.base import Setting
-from flag_env.physics.jit import entry_point
-from flag_env.physics.mast import mast_points, mast_poses, pull
+from flag_env.physics.bound import state_of, winds
+from flag_env.physics.mast import mast_points, mast_poses
+from flag_env.physics.run import Readout, Run
 from flag_env.physics.scene import Scene
-from flag_env.physics.stability import SceneSpectrum, limited_by, max_timestep, timestep_of
+from flag_env.physics.stability import limited_by, max_timestep, timestep_of
 from flag_env.physics.state import Diverged, State
-from flag_env.physics.threads import Threads, processors
+from flag_env.physics.threads import processors
 
 _FLOAT64 = np.dtype(np.float64)
-
-_SERIAL = 20_000
-"""Particle-steps below which waking threads costs more than it gains."""
 
 
 class Simulator:
@@ -57,40 +47,13 @@ class Simulator:
         self._scene = scene
         self._copies = validate.count("copies", copies)
         seed = validate.count("seed", seed, minimum=0)
-        self._threads = Threads(min(validate.count("threads", processors() if threads is None else threads), self._copies))
+        threads = validate.count("threads", processors() if threads is None else threads)
         self._timestep = timestep_of(scene)
-        self._dtype = np.dtype(scene.dtype)
-        lattice = scene.lattice
-        self._pinned = np.flatnonzero(lattice.fixed)
-        self._inverse_mass = np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(self._dtype)
-        self._method = scene.integrator.bind(self._dtype, self._timestep, SceneSpectrum(lattice, scene.effects))
-        self._coordinates = Coordinates(lattice, self._copies, self._dtype)
-        self._seed = seed
-        self._effects = bind(scene.effects, self._setting())
+        self._run = Run(scene, self._timestep, self._copies, seed, threads)
+        self._shape = (self._copies, *scene.lattice.shape, 3)
         self._steps_taken = 0
-        start = np.tile(lattice.rest_positions.reshape(-1, 3).T, (self._copies, 1, 1))
-        if scene.perturbation > 0 and lattice.dimensions == 3:
-            for copy in range(self._copies):
-                noise = np.random.default_rng((seed, copy)).standard_normal(lattice.size)
-                start[copy, 1] += scene.perturbation * np.where(lattice.fixed, 0.0, noise)
-        start = start[:, self._coordinates.axes]
-        self._x = np.ascontiguousarray(start, self._dtype)
-        self._v = np.zeros_like(self._x)
-        self._mast = np.ascontiguousarray(start[:, :, self._pinned])
-        memory_rows, work_rows = self._method.rows()
-        self._memory = np.zeros((self._copies, memory_rows, *self._x.shape[1:]), self._dtype)
-        room = (self._threads.count, 2 + work_rows, 3, lattice.size)
-        self._work = [(work[0, : self._x.shape[1]], work[1], work[2:]) for work in np.zeros(room, self._dtype)]
-        self._axes = np.array(lattice.axes)
-        self._shape = (self._copies, *lattice.shape, 3)
-        self._flat_shape = (self._copies, lattice.size, 3)
-        self._unread = np.zeros((0, 0, 3))
-        self._entry: Callable[..., int] | None = None
+        self._scales = (1.0, 1.0)
         self._present_winds: list[Any] | None = None
-        self._stepped = np.zeros(self._copies, bool)
-        self._failed_at = np.full(self._copies, -1, np.int64)
-        self._failed_particle = np.zeros(self._copies, np.int64)
-        self._scaled, self._scales = scene, (1.0, 1.0)
 
     # -- what it is -------------------------------------------------------------------------------------------------------------
 
@@ -117,22 +80,22 @@ class Simulator:
     @property
     def diverged(self) -> NDArray[np.bool_]:
         """Which copies have stopped at non-finite numbers, shape (copies,)."""
-        return self._failed_at >= 0
+        return self._run.failed_at >= 0
 
     # -- state ------------------------------------------------------------------------------------------------------------------
 
     @property
     def positions(self) -> NDArray[np.float64]:
         """Positions [m], a fresh array of shape (copies, layers, rows, cols, 3)."""
-        return self._coordinates.public(self._x, self._scene.lattice.rest_positions)
+        return self._run.coordinates.public(self._run.x, self._scene.lattice.rest_positions)
 
     @property
     def velocities(self) -> NDArray[np.float64]:
         """Velocities at the instant of the positions [m/s], a fresh array of shape (copies, layers, rows, cols, 3)."""
-        if not self._stepped.any():
-            return self._coordinates.public(self._v)
+        if not self._run.stepped.any():
+            return self._run.coordinates.public(self._run.v)
         positions, velocities = np.zeros((2, *self._shape))
-        self._run(0, (positions, velocities))
+        self._run.carry_on(0, (positions, velocities))
         return velocities
 
     def set_positions(self, positions: ArrayLike) -> None:
@@ -140,16 +103,14 @@ class Simulator:
 
         Pinned particles stay where they are placed until the next `set_mast`.
         """
-        value = self._coordinates.flat("positions", positions, self._scene.lattice.rest_positions)
-        self._x[:] = value
-        self._mast[:] = value[:, :, self._pinned]
-        self._failed_at[:] = -1
+        self._run.place(self._run.coordinates.flat("positions", positions, self._scene.lattice.rest_positions))
+        self._run.failed_at[:] = -1
 
     def set_velocities(self, velocities: ArrayLike) -> None:
         """Set every velocity [m/s], shaped as for `set_positions`; those of pinned particles follow from the mast's motion."""
-        self._v[:] = self._coordinates.flat("velocities", velocities)
-        self._stepped[:] = False
-        self._failed_at[:] = -1
+        self._run.v[:] = self._run.coordinates.flat("velocities", velocities)
+        self._run.stepped[:] = False
+        self._run.failed_at[:] = -1
 
     def get_state(self) -> State:
         """Copy of everything a continuation depends on."""
@@ -193,9 +154,10 @@ class Simulator:
         yaw : scalar or (copies,)
             Angle about the mast's own axis, applied first [rad].
         """
-        rest = self._scene.lattice.rest_positions.reshape(-1, 3)[self._pinned]
+        lattice = self._scene.lattice
+        rest = lattice.rest_positions.reshape(-1, 3)[lattice.fixed]
         points = mast_points(rest, *mast_poses(self._copies, position, tilt, yaw))
-        self._mast[:] = points.transpose(0, 2, 1)[:, self._coordinates.axes]
+        self._run.mast[:] = points.transpose(0, 2, 1)[:, self._run.coordinates.axes]
 
     def set_wind(
         self, amplitude: ArrayLike | None = None, frequency: ArrayLike | None = None, mean: ArrayLike | None = None
@@ -238,10 +200,9 @@ class Simulator:
             If the timestep would exceed the changed scene's limit.
         """
         scene = self._scaled_scene(stiffness_scale, viscosity_scale)
-        self._effects = rebind(self._scaled.effects, scene.effects, self._effects, self._setting())
-        self._method = scene.integrator.bind(self._dtype, self._timestep, SceneSpectrum(scene.lattice, scene.effects))
-        self._scaled, self._scales = scene, (float(stiffness_scale), float(viscosity_scale))
-        self._entry = self._present_winds = None
+        self._run.change(scene)
+        self._scales = (float(stiffness_scale), float(viscosity_scale))
+        self._present_winds = None
 
     # -- running ----------------------------------------------------------------------------------------------------------------
 
@@ -278,7 +239,7 @@ class Simulator:
         for name, out in (("positions", positions), ("velocities", velocities)):
             if not isinstance(out, np.ndarray) or out.shape != self._shape or out.dtype != _FLOAT64 or not out.flags.carray:
                 raise ValueError(f"{name} must be a contiguous, writeable float64 array of shape {self._shape}, got {out!r}")
-        if len(self._axes) < 3:
+        if self._scene.lattice.dimensions < 3:
             positions[:], velocities[:] = self._scene.lattice.rest_positions, 0.0
         self._step(n, (positions, velocities))
 
@@ -290,7 +251,8 @@ class Simulator:
 
     def energy(self) -> dict[str, NDArray[np.float64]]:
         """Energies of the free particles [J], each of shape (copies,): "kinetic" and one entry per conservative effect."""
-        return diagnostics.energy(self._scene.lattice, self._scaled.effects, self._effects, self.positions, self.velocities)
+        run = self._run
+        return diagnostics.energy(self._scene.lattice, run.scene.effects, run.effects, self.positions, self.velocities)
 
     # -- inner ------------------------------------------------------------------------------------------------------------------
 
@@ -306,55 +268,32 @@ class Simulator:
             )
         return scene
 
-    def _setting(self) -> Setting:
-        return Setting(self._scene.lattice, self._dtype, self._copies, self._timestep, self._seed, {})
-
     def _live_state(self) -> State:
         """The state in the arrays that the run works on."""
+        run = self._run
         return State(
-            self.time, self._x, self._v, self._memory, self._mast, self._stepped, self._failed_at, self._failed_particle,
-            self._scales, state_of(self._effects),
+            self.time, run.x, run.v, run.memory, run.mast, run.stepped, run.failed_at, run.failed_particle, self._scales,
+            state_of(run.effects),
         )  # fmt: skip
 
     def _winds(self) -> list[Any]:
         if self._present_winds is None:
-            self._present_winds = winds(self._scene.effects, self._effects)
+            self._present_winds = winds(self._scene.effects, self._run.effects)
         return self._present_winds
 
-    def _step(self, n: int, into: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> None:
-        before = self._failed_at.copy()
-        pull(self._dtype)(self._x, self._v, self._pinned, self._mast, n * self._timestep)
-        healthy = self._run(n, into)
+    def _step(self, n: int, into: Readout | None) -> None:
+        run = self._run
+        before = run.failed_at.copy()
+        healthy = run.step(n, into)
         self._steps_taken += n
         if healthy == self._copies:
             return
-        new = np.flatnonzero((self._failed_at >= 0) & (before < 0))
+        new = np.flatnonzero((run.failed_at >= 0) & (before < 0))
         if len(new) or (before >= 0).all():
             copy = int(new[0]) if len(new) else 0
-            late = n - int(self._failed_at[copy]) if len(new) else 0
-            particle = np.unravel_index(self._failed_particle[copy], self._scene.lattice.shape)
+            late = n - int(run.failed_at[copy]) if len(new) else 0
+            particle = np.unravel_index(run.failed_particle[copy], self._scene.lattice.shape)
             raise Diverged(self.time - late * self._timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
 
-    def _run(self, steps: int, into: tuple[NDArray[np.float64], NDArray[np.float64]] | None) -> int:
-        """Step all copies, then write positions and velocities `into` arrays, if any; how many copies have not diverged."""
-        work = self._copies * self._flat_shape[1] * (steps or 1)
-        threads = 1 if work < _SERIAL else self._threads.count
-        if threads == 1:
-            return self._run_share(steps, into, 0, self._copies)
-        ends = [thread * self._copies // threads for thread in range(threads + 1)]
-        return sum(self._threads.run(lambda i: self._run_share(steps, into, ends[i], ends[i + 1], i), threads))
-
-    def _run_share(self, steps: int, into: Any, first: int, last: int, thread: int = 0) -> int:
-        shape = self._flat_shape
-        positions, velocities = (self._unread, self._unread) if into is None else (into[0].reshape(shape), into[1].reshape(shape))
-        arguments = (
-            self._method, self._effects, self._x, self._v, self._memory, *self._work[thread], self._inverse_mass, self._pinned,
-            self._mast, self._axes, steps, first, last, self._stepped, self._failed_at,
-            self._failed_particle, into is not None, positions, velocities,
-        )  # fmt: skip
-        if self._entry is None:
-            self._entry = entry_point(compiled_run(self._method, self._effects), arguments)
-        return self._entry(*arguments)
-
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_entry": None, "_present_winds": None}
+        return {**self.__dict__, "_present_winds": None}

@@ -73,7 +73,7 @@ def roofline(quick: bool) -> dict[str, dict[str, Any]]:
     }
     times = fastest(jobs, 4 if quick else 20)
     size = scene.lattice.size
-    weights = [bound.weight for bound in simulator._effects if hasattr(bound, "offset")]
+    weights = [bound.weight for bound in simulator._run.effects if hasattr(bound, "offset")]
     links = sum(int(np.count_nonzero(weight)) for weight in weights)
     seconds = times["flag"] / 400
     names = ("GFLOP/s", "GB/s", "1e9 roots and divisions/s")
@@ -94,9 +94,9 @@ def vectors(simulator: Simulator) -> dict[str, int]:
         seen.append(arguments)
         return simulator.copies
 
-    simulator._entry = look
+    simulator._run.entry = look
     simulator.step(1)
-    simulator._entry = None
+    simulator._run.entry = None
     run = numba.njit(error_model="numpy", nogil=True, _nrt=False)(_make_run())
     run.compile(tuple(run.typeof_pyval(argument) for argument in seen[0]))
     code = run.inspect_asm(run.signatures[0])

@@ -53,7 +53,7 @@ def _overhead(env: Any, quick: bool) -> Row:
     simulator, inner = env.simulator, []
     env.reset(seed=0)
     env.step(env.action_space.sample())
-    entry = simulator._entry
+    entry = simulator._run.entry
 
     def timed(*arguments: Any) -> Any:
         start = time.perf_counter()
@@ -61,14 +61,14 @@ def _overhead(env: Any, quick: bool) -> Row:
         inner.append(time.perf_counter() - start)
         return result
 
-    simulator._entry = timed
+    simulator._run.entry = timed
     whole = []
     action = env.action_space.sample()
     for _ in range(200 if quick else 2000):
         start = time.perf_counter()
         env.step(action)
         whole.append(time.perf_counter() - start)
-    simulator._entry = entry
+    simulator._run.entry = entry
     outside = np.array(whole) - np.array(inner)
     share = float(100 * np.median(outside / np.array(whole)))
     note = f"{1e6 * np.median(outside):.1f} of {1e6 * np.median(whole):.1f} us a step"

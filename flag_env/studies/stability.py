@@ -111,7 +111,7 @@ def check_cost(rounds: int) -> list[dict[str, Any]]:
     rows = []
     for rows_, cols, dtype in ((10, 16, "float32"), (20, 32, "float64")):
         simulator = Simulator(presets.flag(rows_, cols, dtype=dtype))
-        steps, x, v = compose.CHECK_EVERY * 20, simulator._x[0], simulator._v[0]
+        steps, x, v = compose.CHECK_EVERY * 20, simulator._run.x[0], simulator._run.v[0]
         times = fastest({"step": partial(simulator.step, steps), "check": partial(_checks, x, v, 1000)}, rounds)
         share = (times["check"] / 1000) / (times["step"] / steps)
         row = {"flag": f"{rows_} x {cols}, {dtype}", "step [us]": 1e6 * times["step"] / steps, "check [us]": 1e3 * times["check"]}

@@ -355,8 +355,8 @@ def test_just_above_the_limit_a_flag_diverges_by_name_soon_after_its_first_bad_n
     assert 0 <= until - (max(until - 200, 0) + first) <= 100
     layer, row, col = caught.value.particle
     assert (
-        not np.isfinite(sim._x[0].reshape(3, 1, 6, 7)[:, layer, row, col]).all()
-        or not np.isfinite(sim._v[0].reshape(3, 1, 6, 7)[:, layer, row, col]).all()
+        not np.isfinite(sim._run.x[0].reshape(3, 1, 6, 7)[:, layer, row, col]).all()
+        or not np.isfinite(sim._run.v[0].reshape(3, 1, 6, 7)[:, layer, row, col]).all()
     )
 
 

@@ -6,13 +6,13 @@ import numba
 import numpy as np
 import pytest
 
-from flag_env.physics import Lattice, Scene, Simulator, compose, effects, presets, simulator
+from flag_env.physics import Lattice, Scene, Simulator, compose, effects, presets
 
 
 def compiled(scene, monkeypatch):
     """The scene's step, compiled here and now, and the types of its arguments."""
     run = numba.njit(error_model="numpy", nogil=True, _nrt=False)(compose._make_run())
-    monkeypatch.setattr(simulator, "compiled_run", lambda method, bound: run)
+    monkeypatch.setattr("flag_env.physics.run.compiled_run", lambda method, bound: run)
     Simulator(scene).step(1)
     (signature,) = run.signatures
     return run, signature
@@ -56,7 +56,7 @@ FLAG = presets.flag(4, 5)
 def test_machine_code(scene, present, absent, monkeypatch):
     run, signature = compiled(scene, monkeypatch)
     kinds = [kind.instance_class for kind in signature[1].types]
-    assert kinds == [type(bound) for bound in Simulator(scene)._effects]  # nothing else is handed over
+    assert kinds == [type(bound) for bound in Simulator(scene)._run.effects]  # nothing else is handed over
     assert len(kinds) == len(scene.effects)
     code = run.inspect_asm(signature)
     assert [what for what in present if not has(code, what)] == []
@@ -75,8 +75,8 @@ def test_each_effect_adds_code_of_its_own(monkeypatch):
 def test_a_rope_touches_one_coordinate_and_one_layer_no_cross_links():
     """By what the compiled step reads: rows of coordinates poisoned beyond the first, and links that lead across layers."""
     rope = Simulator(presets.rope(9))
-    assert rope._x.shape == rope._v.shape == (1, 1, 9)
-    work = rope._work[0][1].base  # the whole of which the step is given parts
+    assert rope._run.x.shape == rope._run.v.shape == (1, 1, 9)
+    work = rope._run._work[0][1].base  # the whole of which the step is given parts
     work[:] = np.nan
     rope.step(10)
     forces, scratch = work[0, :2]
@@ -86,7 +86,7 @@ def test_a_rope_touches_one_coordinate_and_one_layer_no_cross_links():
     assert np.isnan(scratch[1:]).all()
 
     def crossing(scene):
-        offsets = [o for bound in Simulator(scene)._effects if hasattr(bound, "offset") for o in bound.offset]
+        offsets = [o for bound in Simulator(scene)._run.effects if hasattr(bound, "offset") for o in bound.offset]
         return sum(offset >= scene.lattice.rows * scene.lattice.cols - scene.lattice.cols - 1 for offset in offsets)
 
     assert crossing(FLAG) == 0
@@ -100,20 +100,20 @@ def arrays(value) -> list[np.ndarray]:
 def test_memory_held_is_the_sum_over_the_effects():
     """A one-layer scene holds no cross links; a scene without an effect holds none of its arrays."""
     whole = Simulator(FLAG)
-    kinds = [type(bound).__name__ for bound in whole._effects]
+    kinds = [type(bound).__name__ for bound in whole._run.effects]
     assert kinds == ["BoundGravity", "Isotropic3", "Isotropic3", "Isotropic3", "BoundAirDrag", "BoundCosineWind"]
     bytes_of = {
         type(effect): sum(array.nbytes for array in arrays(bound))
-        for effect, bound in zip(FLAG.effects, whole._effects, strict=True)
+        for effect, bound in zip(FLAG.effects, whole._run.effects, strict=True)
     }
     for effect in FLAG.effects:
         cut = Simulator(FLAG.without(type(effect)))
-        held = sum(array.nbytes for bound in cut._effects for array in arrays(bound))
+        held = sum(array.nbytes for bound in cut._run.effects for array in arrays(bound))
         assert held == sum(bytes_of.values()) - bytes_of[type(effect)]
 
 
 def test_undamped_links_carry_no_viscosity():
-    (springs,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.0),)))._effects
-    (dampers,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.1),)))._effects
+    (springs,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.0),)))._run.effects
+    (dampers,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.1),)))._run.effects
     assert "viscosity" not in springs._fields
     assert "viscosity" in dampers._fields

@@ -245,7 +245,7 @@ def test_torn_and_stretched_cloth_is_searched_too():
     x[:, 9:, :] += (-0.1, 0.05, -0.3)  # and folded
     sim.set_positions(x)
     sim.step()
-    bound = sim._effects[-1]
+    bound = sim._run.effects[-1]
     found = {tuple(sorted(pair)) for pair in bound.pairs[0, :, : bound.listed_pairs[0]].T.astype(int).tolist()}
     assert found == brute_pairs(bound.listed[0].T, CLOTH.lattice, bound.reach)
     assert found

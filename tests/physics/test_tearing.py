@@ -147,7 +147,7 @@ def test_below_the_strain_nothing_changes(dtype):
 
 def test_scenes_without_tearing_share_their_weights_among_copies():
     sim = Simulator(presets.flag(4, 5).adding(StrainLimit()), copies=3)
-    assert {bound.weight.shape[0] for bound in sim._effects if hasattr(bound, "offset")} == {1}
+    assert {bound.weight.shape[0] for bound in sim._run.effects if hasattr(bound, "offset")} == {1}
 
 
 def test_a_broken_link_exerts_no_force_whatever_becomes_of_it():
@@ -267,7 +267,7 @@ def test_new_parameters_mend_nothing():
         sim.set_parameters(*scales)
         for name in KINDS:
             np.testing.assert_array_equal(weights(sim)[name], links[name])
-        for effect, bound in zip(sim.scene.effects, sim._effects, strict=True):
+        for effect, bound in zip(sim.scene.effects, sim._run.effects, strict=True):
             if isinstance(effect, (Structural, Shear, Bending)):
                 np.testing.assert_array_equal(bound.weight, links[type(effect).__name__.lower()])
     twin = Simulator(stormy(), copies=2)

@@ -1,0 +1,133 @@
+"""The arrays of a run, and the compiled step on them.
+
+State is kept flat, one contiguous row per coordinate: `x, v` (copies, 3, particles) in the scene's dtype. Copies are independent:
+each is stepped by itself, so its bits do not depend on how many there are nor on the number of threads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env.physics.bound import bind, rebind
+from flag_env.physics.compose import compiled_run
+from flag_env.physics.coordinates import Coordinates
+from flag_env.physics.effects.base import Setting
+from flag_env.physics.jit import entry_point
+from flag_env.physics.mast import pull
+from flag_env.physics.scene import Scene
+from flag_env.physics.stability import SceneSpectrum
+from flag_env.physics.threads import Threads
+
+Readout = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Arrays (copies, layers, rows, cols, 3) to write positions [m] and velocities [m/s] into."""
+
+_SERIAL = 20_000
+"""Particle-steps below which waking threads costs more than it gains."""
+
+
+class Run:
+    """All copies of a scene in motion. Arguments are checked by the `Simulator`.
+
+    Attributes
+    ----------
+    scene
+        The scene, its links scaled as they are now.
+    timestep
+        Duration of a step [s].
+    x, v : (copies, coordinates, particles)
+        Positions [m] and velocities [m/s] as the method keeps them.
+    memory : (copies, rows, coordinates, particles)
+        What else the method remembers from step to step.
+    mast : (copies, coordinates, pinned particles)
+        Where the pinned particles are to be [m].
+    stepped, failed_at, failed_particle : (copies,)
+        Whether a step has been taken; the step of the last call at which a copy stopped at bad numbers, or -1; its particle.
+    effects
+        The bound effects, in the scene's order.
+    entry
+        The machine code; None until it is first needed.
+    """
+
+    def __init__(self, scene: Scene, timestep: float, copies: int, seed: int, threads: int) -> None:
+        lattice = scene.lattice
+        self.scene, self.timestep, self._seed = scene, timestep, seed
+        self._dtype = np.dtype(scene.dtype)
+        self._threads = Threads(min(threads, copies))
+        self.coordinates = Coordinates(lattice, copies, self._dtype)
+        self.method = scene.integrator.bind(self._dtype, timestep, SceneSpectrum(lattice, scene.effects))
+        self.effects = bind(scene.effects, self._setting(copies))
+        self._pinned = np.flatnonzero(lattice.fixed)
+        self._inverse_mass = np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(self._dtype)
+        start = _start(scene, copies, seed)[:, self.coordinates.axes]
+        self.x = np.ascontiguousarray(start, self._dtype)
+        self.v = np.zeros_like(self.x)
+        self.mast = np.ascontiguousarray(start[:, :, self._pinned])
+        memory_rows, work_rows = self.method.rows()
+        self.memory = np.zeros((copies, memory_rows, *self.x.shape[1:]), self._dtype)
+        room = (self._threads.count, 2 + work_rows, 3, lattice.size)
+        self._work = [(work[0, : self.x.shape[1]], work[1], work[2:]) for work in np.zeros(room, self._dtype)]
+        self._axes = np.array(lattice.axes)
+        self._flat_shape = (copies, lattice.size, 3)
+        self._unread = np.zeros((0, 0, 3))
+        self.stepped = np.zeros(copies, bool)
+        self.failed_at = np.full(copies, -1, np.int64)
+        self.failed_particle = np.zeros(copies, np.int64)
+        self.entry: Callable[..., int] | None = None
+
+    def change(self, scene: Scene) -> None:
+        """Go on with the links of `scene`, which differs in their stiffness and viscosity only."""
+        self.effects = rebind(self.scene.effects, scene.effects, self.effects, self._setting(len(self.x)))
+        self.method = scene.integrator.bind(self._dtype, self.timestep, SceneSpectrum(scene.lattice, scene.effects))
+        self.scene, self.entry = scene, None
+
+    def place(self, rows: NDArray[np.float64]) -> None:
+        """Put all particles at `rows` (copies, coordinates, particles); pinned ones are to stay there."""
+        self.x[:] = rows
+        self.mast[:] = rows[:, :, self._pinned]
+
+    def step(self, steps: int, into: Readout | None) -> int:
+        """Take `steps` steps, moving the mast to where it is to be, then write `into` arrays; how many copies are finite."""
+        pull(self._dtype)(self.x, self.v, self._pinned, self.mast, steps * self.timestep)
+        return self.carry_on(steps, into)
+
+    def carry_on(self, steps: int, into: Readout | None) -> int:
+        """As `step`, with a mast that goes on as it moves; without steps, positions and velocities are read out only."""
+        copies, particles = self._flat_shape[:2]
+        threads = 1 if copies * particles * (steps or 1) < _SERIAL else self._threads.count
+        if threads == 1:
+            return self._share(steps, into, 0, copies)
+        ends = [thread * copies // threads for thread in range(threads + 1)]
+        return sum(self._threads.run(lambda i: self._share(steps, into, ends[i], ends[i + 1], i), threads))
+
+    def _share(self, steps: int, into: Readout | None, first: int, last: int, thread: int = 0) -> int:
+        shape = self._flat_shape
+        positions, velocities = (self._unread, self._unread) if into is None else (into[0].reshape(shape), into[1].reshape(shape))
+        arguments = (
+            self.method, self.effects, self.x, self.v, self.memory, *self._work[thread], self._inverse_mass, self._pinned,
+            self.mast, self._axes, steps, first, last, self.stepped, self.failed_at,
+            self.failed_particle, into is not None, positions, velocities,
+        )  # fmt: skip
+        if self.entry is None:
+            self.entry = entry_point(compiled_run(self.method, self.effects), arguments)
+        return self.entry(*arguments)
+
+    def _setting(self, copies: int) -> Setting:
+        return Setting(self.scene.lattice, self._dtype, copies, self.timestep, self._seed, {})
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "entry": None}
+
+
+def _start(scene: Scene, copies: int, seed: int) -> NDArray[np.float64]:
+    """Positions at rest, perturbed across the cloth as the scene says, shape (copies, 3, particles) [m]."""
+    lattice = scene.lattice
+    start = np.tile(lattice.rest_positions.reshape(-1, 3).T, (copies, 1, 1))
+    if scene.perturbation > 0 and lattice.dimensions == 3:
+        for copy in range(copies):
+            noise = np.random.default_rng((seed, copy)).standard_normal(lattice.size)
+            start[copy, 1] += scene.perturbation * np.where(lattice.fixed, 0.0, noise)
+    return start
