@@ -105,9 +105,7 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         height: int = 480,
         accuracy: str | float | None = None,
     ) -> None:
-        if render_mode not in (None, *RENDER_MODES):
-            raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode)
         validate.choice("reward", reward, self.view.rewards)
         self._batch = FlagBatch(Settings(control, level, split, scene, tolerance, accuracy))
         self._view = self.view(self._batch, reward)
@@ -186,6 +184,13 @@ def first(observation: Any, copy: int = 0) -> Any:
     if isinstance(observation, dict):
         return {name: part[copy] for name, part in observation.items()}
     return observation[copy]
+
+
+def checked_render_mode(render_mode: str | None) -> str | None:
+    """The render mode; raise ValueError unless there is such a one."""
+    if render_mode is not None and not (isinstance(render_mode, str) and render_mode in RENDER_MODES):
+        raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
+    return render_mode
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:

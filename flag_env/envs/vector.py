@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
 from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Outcome, Settings
-from flag_env.envs.flag import RENDER_MODES, checked_actions, chosen_target, first
+from flag_env.envs.flag import RENDER_MODES, checked_actions, checked_render_mode, chosen_target, first
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView, GoalView, goal_reward
 from flag_env.physics import Scene, Simulator, validate
@@ -62,11 +62,11 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     ) -> None:
         self.num_envs = validate.count("num_envs", num_envs)
         self.max_episode_steps = validate.count("max_episode_steps", max_episode_steps)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
-        if render_mode not in (None, *RENDER_MODES):
-            raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
+        modes = {mode.value: mode for mode in AutoresetMode}
+        is_mode = isinstance(autoreset_mode, AutoresetMode)
+        self.autoreset_mode = autoreset_mode if is_mode else modes[validate.choice("autoreset_mode", autoreset_mode, modes)]
         reward = self.view.rewards[0] if reward is None else validate.choice("reward", reward, self.view.rewards)
-        self.render_mode = render_mode
+        self.render_mode = checked_render_mode(render_mode)
         self.metadata = {
             "render_modes": list(RENDER_MODES),
             "render_fps": round(1 / CONTROL_STEP),

@@ -33,6 +33,9 @@ UNLIMITED = 1e-3
 _LOWERED = 0.99
 """Factor by which a part of a scene is lowered to see its share in the step limit."""
 
+_FOREVER = 1e9
+"""Timestep beyond which a limit is none [s]: drag that acts within thirty years at the earliest."""
+
 _LARGE = 20_000
 """Free particles from which on the limit is found to `_COARSE` only: the top eigenvalues lie ever closer together."""
 
@@ -97,15 +100,18 @@ class SceneSpectrum:
         """
         if not (quadratic and self.stiffness.nnz) and not (linear and self.damping.nnz):
             return math.inf
-        step, vector, coarse = 1.0, None, self.stiffness.shape[0] > _LARGE
+        step = _root(quadratic * _largest_sum(self.stiffness), linear * _largest_sum(self.damping), bound)
+        if step > _FOREVER:
+            return math.inf
+        vector, coarse = None, self.stiffness.shape[0] > _LARGE
         for turn in range(50):
             matrix = quadratic * step**2 * self.stiffness + linear * step * self.damping
             vector = self._top_vector(matrix, vector, _COARSE if coarse or not turn else 1e-6)
             a = quadratic * float(vector @ (self.stiffness @ vector))
             b = linear * float(vector @ (self.damping @ vector))
-            if a == b == 0.0:
+            last, step = step, _root(a, b, bound)
+            if step > _FOREVER:
                 return math.inf
-            last, step = step, 2.0 * bound / (b + math.sqrt(b * b + 4.0 * a * bound))
             if abs(step - last) <= (_COARSE if coarse else 1e-9) * step:
                 break
         return (1.0 - 2.0 * _COARSE) * step if coarse else step  # on the safe side of what a coarse vector leaves open
@@ -141,6 +147,17 @@ class SceneSpectrum:
     @cached_property
     def _start(self) -> NDArray[np.float64]:
         return np.random.default_rng(0).standard_normal(int(self.stiffness.shape[0]))
+
+
+def _root(a: float, b: float, bound: float) -> float:
+    """Positive h with a h^2 + b h = bound, for a, b >= 0; infinite where both are nothing."""
+    turn = b + math.sqrt(b * b + 4.0 * a * bound)
+    return 2.0 * bound / turn if turn > 0.0 else math.inf
+
+
+def _largest_sum(matrix: Any) -> float:
+    """Largest sum of magnitudes along a row: no eigenvalue is larger."""
+    return float(abs(matrix).sum(axis=1).max(initial=0.0))
 
 
 class _Laplacian:
@@ -192,7 +209,12 @@ def limited_by(scene: Scene) -> str:
     """
     rises: dict[str, float] = {}
     for effect in scene.effects:
+        terms = effect.link_terms(scene.lattice)
+        stiff, damped = any(term.stiffness.any() for term in terms), any(term.viscosity.any() for term in terms)
+        present = {"stiffness": stiff, "damping": damped or effect.drag(scene.lattice) is not None}
         for part, scales in (("stiffness", (_LOWERED, 1.0)), ("damping", (1.0, _LOWERED))):
+            if not present[part]:
+                continue
             spectrum = SceneSpectrum(scene.lattice, scene.effects, {type(effect): scales})
             rises[f"the {part} of {type(effect).__name__}"] = scene.integrator.limit(spectrum)
     return max(rises, key=rises.__getitem__)
@@ -225,8 +247,9 @@ def timestep_of(scene: Scene) -> float:
         useful = _useful(scene.lattice, scene.effects, scene.integrator)
         return AUTO * useful if math.isfinite(useful) else UNLIMITED
     if scene.timestep > limit and not scene.allow_unstable:
+        setter = limited_by(scene)
         raise ValueError(
-            f"timestep must not exceed the scene's limit of {limit:.6g} s for {name}, set by {limited_by(scene)}, got "
-            f"{scene.timestep:.6g} s; take a smaller one or 'auto', lower {limited_by(scene)}, or set allow_unstable=True"
+            f"timestep must not exceed the scene's limit of {limit:.6g} s for {name}, set by {setter}, got "
+            f"{scene.timestep:.6g} s; take a smaller one or 'auto', lower {setter}, or set allow_unstable=True"
         )
     return scene.timestep

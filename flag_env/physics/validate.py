@@ -68,6 +68,6 @@ def array(name: str, value: ArrayLike, *shapes: tuple[int, ...]) -> NDArray[np.f
 def choice(name: str, value: Any, allowed: Iterable[str]) -> str:
     """Return `value`; raise unless it is one of the `allowed` strings."""
     options = tuple(allowed)
-    if value not in options:
+    if not isinstance(value, str) or value not in options:
         raise ValueError(f"{name} must be one of {', '.join(map(repr, options))}, got {value!r}")
     return str(value)

@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
 import flag_env  # noqa: F401
+from flag_env.control import CONTROLS
+from flag_env.envs.batch import LEVELS
 
-CASES = list(itertools.product(("Flag-v0", "FlagGoal-v0", "FlagGoalDense-v0"), ("wind", "mast"), ("calm", "breeze")))
+IDS = ("Flag-v0", "FlagGoal-v0", "FlagGoalDense-v0")
+CASES = list(itertools.product(IDS, CONTROLS, LEVELS))
 
 
 def random_actions(rng, observation, shape):
@@ -56,19 +59,19 @@ def test_no_action_brings_a_bad_number(case, act, steps, record_property):
 class AnyOrder(RuleBasedStateMachine):
     """An environment keeps its promises whatever is called when; set back to a state, it repeats itself."""
 
-    @initialize(control=st.sampled_from(["wind", "mast"]), level=st.sampled_from(["calm", "breeze"]))
-    def make(self, control, level):
+    @initialize(env_id=st.sampled_from(IDS), control=st.sampled_from(list(CONTROLS)), level=st.sampled_from(LEVELS))
+    def make(self, env_id, control, level):
         self.env = gymnasium.make(
-            "Flag-v0", control=control, level=level, render_mode="rgb_array", width=32, height=32, disable_env_checker=True
+            env_id, control=control, level=level, render_mode="rgb_array", width=32, height=32, disable_env_checker=True
         ).unwrapped
-        self.begun, self.steps, self.kept = False, 0, None
+        self.begun, self.kept = False, None
 
     @rule(seed=st.integers(0, 2**31), number=st.one_of(st.none(), st.integers(0, 767)))
     def reset(self, seed, number):
         observation, info = self.env.reset(seed=seed, options=None if number is None else {"target": number})
         assert self.env.observation_space.contains(observation)
         assert number in (None, info["target"])
-        self.begun, self.steps, self.kept = True, 0, None
+        self.begun = True
 
     @rule(value=st.floats(-1e9, 1e9), repeat=st.integers(1, 4))
     def step(self, value, repeat):
@@ -92,16 +95,27 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule()
     def render(self):
-        if self.begun:
-            frame = self.env.render()
-            assert frame.shape == (32, 32, 3)
-            assert frame.dtype == np.uint8
+        frame = self.env.render()
+        assert frame.shape == (32, 32, 3)
+        assert frame.dtype == np.uint8
 
     @rule()
     def close(self):
         self.env.close()
 
-    @precondition(lambda self: self.begun)
+    @rule()
+    def get_state(self):
+        self.kept = self.env.simulator.get_state()
+
+    @precondition(lambda self: self.kept is not None)
+    @rule()
+    def set_state(self):
+        """At any time: before a reset, in another episode, after a close."""
+        simulator = self.env.simulator
+        simulator.set_state(self.kept)
+        assert simulator.time == self.kept.time
+        assert np.array_equal(simulator.get_state().positions, self.kept.positions)
+
     @rule(steps=st.integers(0, 60))
     def go_back(self, steps):
         simulator = self.env.simulator
@@ -115,7 +129,7 @@ class AnyOrder(RuleBasedStateMachine):
 
 
 AnyOrder.TestCase.settings = settings(
-    max_examples=12, stateful_step_count=15, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
+    max_examples=60, stateful_step_count=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
 )
 TestAnyOrder = AnyOrder.TestCase
 
