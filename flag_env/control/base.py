@@ -42,7 +42,10 @@ class Control:
         raise NotImplementedError
 
     def apply(self, simulator: Simulator, actions: Array) -> None:
-        """Move the actuators on by one control step under `actions` (copies, size) and hand the result to the physics."""
+        """Move the actuators on by one control step under `actions` and hand the result to the physics.
+
+        `actions` (copies, size): contiguous float64 in [-1, 1].
+        """
         raise NotImplementedError
 
     @property

@@ -85,9 +85,10 @@ class WindControl(Control):
 
     def apply(self, simulator: Simulator, actions: Array) -> None:
         """Let u follow the set-points and set the wind's amplitude."""
-        amplitude = np.empty_like(self._u)
-        _compiled_follow()(np.ascontiguousarray(actions), _FOLLOW, self._amplitude, self._u, amplitude)
-        simulator.set_wind(amplitude=amplitude)
+        amplitude, *others = simulator.wind_amplitudes
+        _compiled_follow()(actions, _FOLLOW, self._amplitude, self._u, amplitude)
+        for other in others:
+            other[:] = amplitude
 
     @property
     def state(self) -> Array:

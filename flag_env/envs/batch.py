@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,6 +39,12 @@ ROOM = 100.0
 
 FASTEST = float(np.finfo(np.float64).max)
 """Largest component of a velocity that still counts as simulated [m/s]."""
+
+LIMIT = 100.0
+"""Bound of every entry of an observation."""
+
+CLOSE = 0.1
+"""Difference between target and node that an agent sees as 1, in flag diagonals: what decides success lies well below it."""
 
 SCENES = ("flag", "two_layer_flag")
 
@@ -86,28 +91,10 @@ DEFAULT_SCENE = fitted(_preset("flag"))
 """The scene of the shipped targets."""
 
 
-@dataclass
-class Outcome:
-    """What one control step led to; every array has the shape (copies,).
-
-    Attributes
-    ----------
-    before, distance
-        RMS distance to the target / flag diagonal, before and after the step.
-    success
-        Whether the flag has been within tolerance for ten steps.
-    diverged
-        Whether the simulation left the finite numbers, or the room.
-    """
-
-    before: Array
-    distance: Array
-    success: NDArray[np.bool_]
-    diverged: NDArray[np.bool_]
-
-
 class FlagBatch:
     """Many flags, each in an episode of its own.
+
+    What a step leads to stands in the attributes until the next step or reset, which write over it, but for `observed`.
 
     Parameters
     ----------
@@ -119,6 +106,19 @@ class FlagBatch:
         See `Simulator`.
     library
         The targets; None: the shipped ones.
+
+    Attributes
+    ----------
+    now : Reading
+        Positions and velocities.
+    before, distance : (copies,)
+        RMS distance to the target / flag diagonal, before and after the step.
+    success : (copies,)
+        Whether the flag has been within tolerance for ten steps.
+    diverged : (copies,)
+        Whether the simulation left the finite numbers, or the room; the flag then shows its last state that had not.
+    observed : (copies, entries) float32
+        Nodes' positions, velocities, targets, differences, actuators, time left; fresh memory each time.
     """
 
     def __init__(self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None) -> None:
@@ -129,18 +129,21 @@ class FlagBatch:
         self.steps_per_action = round(CONTROL_STEP / self.simulator.timestep)
         self.controls: list[Control] = [control(scene, copies) for control in CONTROLS[settings.control]]
         self.library = library or load_targets(settings.control, settings.level, settings.split)
-        self.target = np.zeros((copies, *scene.lattice.shape, 3))
+        self._targets = np.zeros((copies, 3 * scene.lattice.size))
         self.target_index = np.zeros(copies, np.int64)
         self.hidden_wind = np.zeros((copies, 3))
-        self.positions = self.simulator.positions
-        self.velocities = self.simulator.velocities
-        self.distance = np.zeros(copies)
-        self.elapsed = np.zeros(copies, np.int64)
-        self.held = np.zeros(copies, np.int64)
+        self.now, self._last = self.simulator.reading(), self.simulator.reading()
+        self.before, self.distance = np.zeros(copies), np.zeros(copies)
+        self.success, self.diverged = np.zeros(copies, bool), np.zeros(copies, bool)
+        self.elapsed, self.held = np.zeros(copies, np.int64), np.zeros(copies, np.int64)
         self._start = Simulator(scene).get_state()
+        self._start_positions = Simulator(scene).positions.reshape(-1)
         self._firsts = np.cumsum([0] + [control.size for control in self.controls]).tolist()[:-1]
         self.nodes = _observed_nodes(scene)
         self.diagonal = scene.lattice.diagonal
+        self._unit = CLOSE * self.diagonal
+        self._entries = 12 * len(self.nodes) + sum(control.state_size for control in self.controls) + 1
+        self.observed = np.zeros((copies, self._entries), np.float32)
         self._poses: dict[int, Array] = {}
         self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
 
@@ -148,6 +151,11 @@ class FlagBatch:
     def copies(self) -> int:
         """Number of flags."""
         return self.simulator.copies
+
+    @property
+    def target(self) -> Array:
+        """Target positions [m], shape (copies, layers, rows, cols, 3)."""
+        return self._targets.reshape(self.now.shape)
 
     @property
     def action_size(self) -> int:
@@ -163,48 +171,33 @@ class FlagBatch:
         for control in self.controls:
             control.reset(self.simulator, which)
         self.target_index[which] = chosen
-        self.target[which] = poses
+        self._targets[which] = poses.reshape(len(which), -1)
         self.hidden_wind[which] = self.library.wind[chosen]
         self._set_ambient_wind()
         self.elapsed[which] = 0
         self.held[which] = 0
-        positions, velocities = self.positions.copy(), self.velocities.copy()
-        positions[which], velocities[which] = self.simulator.positions[which], self.simulator.velocities[which]
-        self._look(positions, velocities)
+        self.success[which] = self.diverged[which] = False
+        self.now.x[which], self.now.v[which] = self._start_positions, 0.0
+        self._look(stepped=False)
 
-    def step(self, actions: Array) -> Outcome:
-        """Take one control step under `actions` (copies, action) in [-1, 1]."""
-        for control, first in zip(self.controls, self._firsts, strict=True):
-            control.apply(self.simulator, actions[:, first : first + control.size])
-        positions, velocities = np.empty(self.target.shape), np.empty(self.target.shape)
-        with contextlib.suppress(Diverged):  # the copies concerned end their episodes with their last finite numbers
-            self.simulator.step_into(self.steps_per_action, positions, velocities)
-        before = self.distance
-        ended = self._look(positions, velocities)
-        success = np.empty(self.copies, bool)
-        glance.judge()(self.distance, self.settings.tolerance, HOLD_STEPS, self.elapsed, self.held, success)
-        return Outcome(before, self.distance, success, ended)
-
-    @property
-    def node_positions(self) -> Array:
-        """Positions of the observed nodes [m], shape (copies, nodes, 3)."""
-        return self.positions.reshape(self.copies, -1, 3)[:, self.nodes]
-
-    @property
-    def node_velocities(self) -> Array:
-        """Velocities of the observed nodes [m/s], shape (copies, nodes, 3)."""
-        return self.velocities.reshape(self.copies, -1, 3)[:, self.nodes]
-
-    @property
-    def node_targets(self) -> Array:
-        """Target positions of the observed nodes [m], shape (copies, nodes, 3)."""
-        return self.target.reshape(self.copies, -1, 3)[:, self.nodes]
+    def step(self, actions: Array) -> None:
+        """Take one control step under `actions` (copies, action), contiguous float64 in [-1, 1]."""
+        if len(self.controls) == 1:
+            self.controls[0].apply(self.simulator, actions)
+        else:
+            for control, first in zip(self.controls, self._firsts, strict=True):
+                control.apply(self.simulator, np.ascontiguousarray(actions[:, first : first + control.size]))
+        self.now, self._last = self._last, self.now
+        self.before, self.distance = self.distance, self.before
+        self.simulator.step_into(self.steps_per_action, self.now)
+        self._look(stepped=True)
 
     @property
     def actuators(self) -> Array:
         """What is seen of the actuators, shape (copies, entries)."""
-        states = [control.state for control in self.controls]
-        return states[0] if len(states) == 1 else np.concatenate(states, axis=1)
+        if len(self.controls) == 1:
+            return self.controls[0].state
+        return np.concatenate([control.state for control in self.controls], axis=1)
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
@@ -219,17 +212,14 @@ class FlagBatch:
             self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
         return self._poses[index]
 
-    def _look(self, positions: Array, velocities: Array) -> NDArray[np.bool_]:
-        """Take over positions and velocities, but for copies out of bounds, and measure distances; which copies those are."""
-        count = self.copies
-        ended, self.distance = np.empty(count, bool), np.empty(count)
-        glance.settle()(
-            positions.reshape(count, -1), velocities.reshape(count, -1),
-            self.positions.reshape(count, -1), self.velocities.reshape(count, -1), self.target.reshape(count, -1),
-            ROOM, FASTEST, self.diagonal, self.distance, ended,
+    def _look(self, stepped: bool) -> None:
+        """Look at all flags, which have taken a step or not."""
+        self.observed = np.empty((self.simulator.copies, self._entries), np.float32)
+        glance.look()(
+            self.now.x, self.now.v, self._last.x, self._last.v, self._targets, self.nodes, self.actuators,
+            ROOM, FASTEST, self.diagonal, self._unit, self.settings.tolerance, HOLD_STEPS, EPISODE_STEPS, LIMIT, stepped,
+            self.elapsed, self.held, self.distance, self.success, self.diverged, self.observed,
         )  # fmt: skip
-        self.positions, self.velocities = positions, velocities
-        return ended
 
     def _set_ambient_wind(self) -> None:
         if self._windy:
@@ -257,7 +247,8 @@ def replay(settings: Settings, witnesses: Targets, indices: Sequence[int]) -> Ar
     actions = np.stack([witnesses.actions(index) for index in indices], axis=1).astype(np.float64)
     poses = []
     for row in actions:
-        if batch.step(row).diverged.any():
-            raise Diverged(batch.simulator.time, int(np.argmax(batch.simulator.diverged)), (0, 0, 0))
-        poses.append(batch.positions)
+        batch.step(row)
+        if batch.diverged.any():
+            raise Diverged(batch.simulator.time, int(np.argmax(batch.diverged)), (0, 0, 0))
+        poses.append(batch.now.positions.copy())
     return np.stack(poses[-HOLD_STEPS:])

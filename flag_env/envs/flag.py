@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
 from flag_env.envs import glance
-from flag_env.envs.batch import FlagBatch, Outcome, Settings
+from flag_env.envs.batch import FlagBatch, Settings
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView
 from flag_env.physics import Scene, Simulator, validate
@@ -111,6 +111,7 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._view = self.view(self._batch, reward)
         self._picture = Picture(width, height)
         self._started = False
+        self._action_shape = (self._batch.action_size,)
         self.action_space = spaces.Box(-1.0, 1.0, (self._batch.action_size,), np.float32)
         self.observation_space = self._view.space()
 
@@ -145,18 +146,19 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             target = int(self.np_random.integers(len(self._batch.library)))
         self._batch.reset([0], [target])
         self._started = True
-        return first(self._view.observe()), self._info()
+        return first(self._view.observe()), self._info({})
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take one control step of 0.04 s."""
-        checked = checked_actions(action, self.action_space.shape or ())
+        checked = checked_actions(action, self._action_shape)
         if not self._started:
             raise gymnasium.error.ResetNeeded("reset() must be called before step()")
-        outcome = self._batch.step(checked[None])
+        batch = self._batch
+        batch.step(checked)
         observation = first(self._view.observe())
-        terms = self._view.terms(outcome.before.item(), outcome.distance.item(), observation)
-        terms = {name: float(term) for name, term in terms.items()}
-        return observation, sum(terms.values()), outcome.diverged.item(), False, self._info(outcome, terms)
+        terms = self._view.terms(batch.before.item(), batch.distance.item(), observation)
+        info = self._info(terms)
+        return observation, sum(terms.values()), info["diverged"], False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) with `render_mode="rgb_array"`, else None."""
@@ -169,13 +171,14 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """Free the renderer."""
         self._picture.close()
 
-    def _info(self, outcome: Outcome | None = None, terms: dict[str, float] | None = None) -> dict[str, Any]:
+    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        batch = self._batch
         return {
-            "distance": self._batch.distance.item(),
-            "is_success": outcome is not None and outcome.success.item(),
-            "reward_terms": terms or {},
-            "diverged": outcome is not None and outcome.diverged.item(),
-            "target": self._batch.target_index.item(),
+            "distance": batch.distance.item(),
+            "is_success": batch.success.item(),
+            "reward_terms": terms,
+            "diverged": batch.diverged.item(),
+            "target": batch.target_index.item(),
         }
 
 
@@ -194,11 +197,12 @@ def checked_render_mode(render_mode: str | None) -> str | None:
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """The action in float64, clipped to [-1, 1]; raise ValueError unless it is finite and of `shape`."""
+    """Actions (copies, size) in float64, clipped to [-1, 1]; ValueError unless `action` is finite and of `shape`."""
     result = np.array(action, dtype=np.float64, order="C")
     if result.shape != shape:
         raise ValueError(f"action must have the shape {shape}, got {result.shape}")
-    if not glance.admit()(result.reshape(-1)):
+    result = result.reshape(-1, shape[-1])
+    if not glance.admit()(result):
         raise ValueError(f"action must be finite, got {action!r}")
     return result
 

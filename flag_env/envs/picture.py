@@ -48,7 +48,7 @@ class Picture:
 def snapshot(batch: FlagBatch, copy: int = 0) -> Snapshot:
     """The immutable picture of one flag of a batch."""
     lattice = batch.scene.lattice
-    positions = batch.positions[copy]
+    positions = batch.now.positions[copy]
     length, height = lattice.extent
     reach = 0.35 * lattice.diagonal if batch.settings.control == "wind" else 0.35 * lattice.diagonal + 1.0
     low = np.array([-reach, -0.75 * lattice.diagonal, -0.4 * lattice.diagonal - reach])

@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
-from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Outcome, Settings
+from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Settings
 from flag_env.envs.flag import RENDER_MODES, checked_actions, checked_render_mode, chosen_target, first
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView, GoalView, goal_reward
@@ -120,17 +120,18 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             if self.autoreset_mode is not AutoresetMode.NEXT_STEP or None in self._rngs:
                 raise ValueError(f"reset() must be called for the copies {np.flatnonzero(waiting).tolist()} before step()")
             actions = np.where(waiting[:, None], 0.0, actions) if np.shape(actions) == shape else actions
-        outcome = self._batch.step(checked_actions(actions, shape))
+        batch = self._batch
+        batch.step(checked_actions(actions, shape))
         observation = self._view.observe()
-        terms = self._view.terms(outcome.before, outcome.distance, observation)
-        terminated = outcome.diverged & ~waiting
-        truncated = (self._batch.elapsed >= self.max_episode_steps) & ~waiting
+        terms = self._view.terms(batch.before, batch.distance, observation)
+        terminated = batch.diverged & ~waiting
+        truncated = (batch.elapsed >= self.max_episode_steps) & ~waiting
         reward = np.where(waiting, 0.0, sum(terms.values()))
         if waiting.any():
             self._start(np.flatnonzero(waiting), None)
             observation = self._view.observe()
         self._ended = terminated | truncated
-        info = self._info(np.ones(self.num_envs, bool), outcome, terms, waiting)
+        info = self._info(np.ones(self.num_envs, bool), ~waiting, terms)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             observation, info = self._same_step_reset(observation, info)
         return observation, reward, terminated, truncated, info
@@ -176,17 +177,15 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def _info(
         self,
         mask: NDArray[np.bool_],
-        outcome: Outcome | None = None,
+        stepped: NDArray[np.bool_] | None = None,
         terms: dict[str, NDArray[np.float64]] | None = None,
-        waiting: NDArray[np.bool_] | None = None,
     ) -> dict[str, Any]:
         """Infos as arrays (num_envs,), each with its mask; flags at the start of an episode have no reward terms."""
-        stepped = np.zeros(self.num_envs, bool) if waiting is None else ~waiting
-        none = np.zeros(self.num_envs, bool)
+        stepped = np.zeros(self.num_envs, bool) if stepped is None else stepped
         info = {
             "distance": self._batch.distance.copy(),
-            "is_success": none if outcome is None else outcome.success & stepped,
-            "diverged": none if outcome is None else outcome.diverged & stepped,
+            "is_success": self._batch.success & stepped,
+            "diverged": self._batch.diverged & stepped,
             "target": self._batch.target_index.copy(),
         }
         named = {name: np.where(stepped, term, 0.0) for name, term in (terms or {}).items()}

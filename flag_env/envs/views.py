@@ -8,17 +8,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from flag_env.envs import glance
-from flag_env.envs.batch import EPISODE_STEPS, FlagBatch
+from flag_env.envs.batch import LIMIT, FlagBatch
 from flag_env.tasks.reward import REWARDS, reward_terms
 
-LIMIT = 100.0
-"""Bound of every entry of an observation."""
-
-CLOSE = 0.1
-"""Difference between target and node that an agent sees as 1, in flag diagonals: what decides success lies well below it."""
-
-Array = NDArray[np.float64]
 Numbers = Any  # float, or NDArray[np.float64]
 Observation = Any
 """An array, or a dictionary of arrays."""
@@ -31,22 +23,14 @@ class FlatView:
 
     def __init__(self, batch: FlagBatch, reward: str) -> None:
         self.batch, self.reward = batch, reward
-        self._unit = CLOSE * batch.diagonal
 
     def space(self) -> spaces.Space[Any]:
         """Space of one flag's observation."""
-        return _box(12 * len(self.batch.nodes) + self.batch.actuators.shape[1] + 1)
+        return _box(self.batch.observed.shape[1])
 
     def observe(self) -> Observation:
         """Observations of all copies, fresh memory."""
-        batch = self.batch
-        count, actuators = batch.copies, batch.actuators
-        out = np.empty((count, 12 * len(batch.nodes) + actuators.shape[1] + 1), np.float32)
-        glance.observe()(
-            batch.positions.reshape(count, -1), batch.velocities.reshape(count, -1), batch.target.reshape(count, -1),
-            batch.nodes, self._unit, actuators, batch.elapsed, EPISODE_STEPS, LIMIT, out,
-        )  # fmt: skip
-        return out
+        return self.batch.observed
 
     def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
         """Named terms that sum to the rewards, of all copies or, from numbers and its own observation, of one."""
@@ -67,11 +51,11 @@ class GoalView(FlatView):
 
     def observe(self) -> Observation:
         """Observations of all copies, fresh memory."""
-        here = self.batch.node_positions
+        n, whole = 3 * len(self.batch.nodes), self.batch.observed
         return {
-            "observation": _pack(here, self.batch.node_velocities, self.batch.actuators, _time_left(self.batch)),
-            "achieved_goal": _pack(here),
-            "desired_goal": _pack(self.batch.node_targets),
+            "observation": np.concatenate([whole[:, : 2 * n], whole[:, 4 * n :]], axis=1),
+            "achieved_goal": whole[:, :n].copy(),
+            "desired_goal": whole[:, 2 * n : 3 * n].copy(),
         }
 
     def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
@@ -84,6 +68,8 @@ class GoalView(FlatView):
         difference = np.asarray(achieved, np.float64) - np.asarray(desired, np.float64)
         square = np.einsum("...i,...i->...", difference, difference) / len(self.batch.nodes)
         distance = np.sqrt(square) / self.batch.diagonal
+        if distance.ndim == 0:
+            distance = distance.item()
         return reward_terms(self.reward, distance, distance, self.batch.settings.tolerance)
 
 
@@ -95,13 +81,3 @@ def goal_reward(view: GoalView, achieved: NDArray[Any], desired: NDArray[Any]) -
 
 def _box(size: int) -> spaces.Box:
     return spaces.Box(-LIMIT, LIMIT, (size,), np.float32)
-
-
-def _pack(*parts: Array) -> NDArray[np.float32]:
-    """Parts side by side, clipped to the declared bounds, as float32."""
-    whole = np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
-    return np.asarray(np.clip(whole, -LIMIT, LIMIT), np.float32)
-
-
-def _time_left(batch: FlagBatch) -> Array:
-    return np.maximum(1.0 - batch.elapsed[:, None] / EPISODE_STEPS, 0.0)

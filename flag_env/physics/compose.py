@@ -156,29 +156,31 @@ def _first_non_finite(x: Any, v: Any) -> int:
 
 @jit
 def _read(p: Any, w: Any, synchronous: Any, pinned: Any, axes: Any, positions: Any, velocities: Any) -> None:
-    """Write positions and velocities, those of pinned particles from `w`, as (particles, 3)."""
+    """Write positions and velocities, those of pinned particles from `w`, three entries a particle."""
     for d in range(p.shape[0]):
         for t in range(p.shape[1]):
-            positions[t, axes[d]] = p[d, t]
-            velocities[t, axes[d]] = synchronous[d, t]
+            positions[3 * t + axes[d]] = p[d, t]
+            velocities[3 * t + axes[d]] = synchronous[d, t]
         for k in range(pinned.shape[0]):
-            velocities[pinned[k], axes[d]] = w[d, pinned[k]]
+            velocities[3 * pinned[k] + axes[d]] = w[d, pinned[k]]
 
 
 def _make_run() -> Callable[..., Any]:
     def run(
-        method, effects, x, v, memory, f, scratch, work, inverse_mass, pinned, mast, axes,
-        steps, first, last, stepped, failed_at, failed_particle, read, positions, velocities,
+        method, effects, x, v, memory, f, scratch, work, inverse_mass, pinned, mast, axes, stepped, failed_at, failed_particle,
+        first, last, steps, read, positions, velocities,
     ):  # fmt: skip
         """Take `steps` steps of the copies `first <= copy < last` that have not failed, and put the pinned particles to where
-        `mast` says; note the step at which a copy fails, and return how many run on.
+        `mast` says; return how many run on. `failed_at` notes at which step one fails, and is 0 if that was in a call before.
 
-        With `read`, write positions and velocities at the instant of the positions, (copies, particles, 3), afterwards.
+        With `read`, write positions and velocities at the instant of the positions, (copies, 3 particles), afterwards.
         """
         healthy = 0
         for copy in range(first, last):
             p, w, m = x[copy], v[copy], memory[copy]
             todo = steps if failed_at[copy] < 0 else 0
+            if steps > 0:
+                failed_at[copy] = min(failed_at[copy], 0)
             if todo > 0:
                 if not stepped[copy]:
                     _start(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)

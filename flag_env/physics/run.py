@@ -6,6 +6,7 @@ each is stepped by itself, so its bits do not depend on how many there are nor o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -18,12 +19,10 @@ from flag_env.physics.coordinates import Coordinates
 from flag_env.physics.effects.base import Setting
 from flag_env.physics.jit import entry_point
 from flag_env.physics.mast import pull
+from flag_env.physics.reading import Reading
 from flag_env.physics.scene import Scene
 from flag_env.physics.stability import SceneSpectrum
 from flag_env.physics.threads import Threads
-
-Readout = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Arrays (copies, layers, rows, cols, 3) to write positions [m] and velocities [m/s] into."""
 
 _SERIAL = 20_000
 """Particle-steps below which waking threads costs more than it gains."""
@@ -45,7 +44,8 @@ class Run:
     mast : (copies, coordinates, pinned particles)
         Where the pinned particles are to be [m].
     stepped, failed_at, failed_particle : (copies,)
-        Whether a step has been taken; the step of the last call at which a copy stopped at bad numbers, or -1; its particle.
+        Whether a step has been taken; the step of the last call at which a copy stopped at bad numbers, 0 if that was in a call
+        before, or -1; its particle.
     effects
         The bound effects, in the scene's order.
     entry
@@ -71,11 +71,12 @@ class Run:
         room = (self._threads.count, 2 + work_rows, 3, lattice.size)
         self._work = [(work[0, : self.x.shape[1]], work[1], work[2:]) for work in np.zeros(room, self._dtype)]
         self._axes = np.array(lattice.axes)
-        self._flat_shape = (copies, lattice.size, 3)
-        self._unread = np.zeros((0, 0, 3))
+        self._unread = np.zeros((0, 0))
         self.stepped = np.zeros(copies, bool)
         self.failed_at = np.full(copies, -1, np.int64)
         self.failed_particle = np.zeros(copies, np.int64)
+        self._few_steps = math.inf if self._threads.count == 1 else _SERIAL / (copies * lattice.size)
+        self._arguments: list[tuple[Any, ...]] = []
         self.entry: Callable[..., int] | None = None
 
     def change(self, scene: Scene) -> None:
@@ -89,37 +90,43 @@ class Run:
         self.x[:] = rows
         self.mast[:] = rows[:, :, self._pinned]
 
-    def step(self, steps: int, into: Readout | None) -> int:
-        """Take `steps` steps, moving the mast to where it is to be, then write `into` arrays; how many copies are finite."""
-        pull(self._dtype)(self.x, self.v, self._pinned, self.mast, steps * self.timestep)
-        return self.carry_on(steps, into)
+    def step(self, steps: int, into: Reading | None) -> int:
+        """Take `steps` steps, if any, moving the mast to where it is to be, then write `into` a reading, if any.
 
-    def carry_on(self, steps: int, into: Readout | None) -> int:
-        """As `step`, with a mast that goes on as it moves; without steps, positions and velocities are read out only."""
-        copies, particles = self._flat_shape[:2]
-        threads = 1 if copies * particles * (steps or 1) < _SERIAL else self._threads.count
+        Returns how many copies have not stopped.
+        """
+        if self.entry is None:
+            self._compile()
+        if steps > 0:
+            pull(self._dtype)(self.x, self.v, self._pinned, self.mast, steps * self.timestep)
+        copies = len(self.x)
+        threads = 1 if steps < self._few_steps else self._threads.count
         if threads == 1:
             return self._share(steps, into, 0, copies)
         ends = [thread * copies // threads for thread in range(threads + 1)]
         return sum(self._threads.run(lambda i: self._share(steps, into, ends[i], ends[i + 1], i), threads))
 
-    def _share(self, steps: int, into: Readout | None, first: int, last: int, thread: int = 0) -> int:
-        shape = self._flat_shape
-        positions, velocities = (self._unread, self._unread) if into is None else (into[0].reshape(shape), into[1].reshape(shape))
-        arguments = (
-            self.method, self.effects, self.x, self.v, self.memory, *self._work[thread], self._inverse_mass, self._pinned,
-            self.mast, self._axes, steps, first, last, self.stepped, self.failed_at,
-            self.failed_particle, into is not None, positions, velocities,
-        )  # fmt: skip
-        if self.entry is None:
-            self.entry = entry_point(compiled_run(self.method, self.effects), arguments)
-        return self.entry(*arguments)
+    def _share(self, steps: int, into: Reading | None, first: int, last: int, thread: int = 0) -> int:
+        if into is None:
+            return self.entry(*self._arguments[thread], first, last, steps, False, self._unread, self._unread)  # type: ignore[misc]
+        return self.entry(*self._arguments[thread], first, last, steps, True, into.x, into.v)  # type: ignore[misc]
+
+    def _compile(self) -> None:
+        self._arguments = [
+            (
+                self.method, self.effects, self.x, self.v, self.memory, *work, self._inverse_mass, self._pinned, self.mast,
+                self._axes, self.stepped, self.failed_at, self.failed_particle,
+            )
+            for work in self._work
+        ]  # fmt: skip
+        last = (0, 1, 1, True, self._unread, self._unread)
+        self.entry = entry_point(compiled_run(self.method, self.effects), (*self._arguments[0], *last))
 
     def _setting(self, copies: int) -> Setting:
         return Setting(self.scene.lattice, self._dtype, copies, self.timestep, self._seed, {})
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "entry": None}
+        return {**self.__dict__, "entry": None, "_arguments": []}
 
 
 def _start(scene: Scene, copies: int, seed: int) -> NDArray[np.float64]:

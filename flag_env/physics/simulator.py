@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from flag_env.physics import diagnostics, validate
 from flag_env.physics.bound import state_of, winds
 from flag_env.physics.mast import mast_points, mast_poses
-from flag_env.physics.run import Readout, Run
+from flag_env.physics.reading import Reading
+from flag_env.physics.run import Run
 from flag_env.physics.scene import Scene
 from flag_env.physics.stability import limited_by, max_timestep, timestep_of
 from flag_env.physics.state import Diverged, State
 from flag_env.physics.threads import processors
-
-_FLOAT64 = np.dtype(np.float64)
 
 
 class Simulator:
@@ -54,6 +53,7 @@ class Simulator:
         self._steps_taken = 0
         self._scales = (1.0, 1.0)
         self._present_winds: list[Any] | None = None
+        self._amplitudes: list[NDArray[np.float64]] | None = None
 
     # -- what it is -------------------------------------------------------------------------------------------------------------
 
@@ -94,9 +94,9 @@ class Simulator:
         """Velocities at the instant of the positions [m/s], a fresh array of shape (copies, layers, rows, cols, 3)."""
         if not self._run.stepped.any():
             return self._run.coordinates.public(self._run.v)
-        positions, velocities = np.zeros((2, *self._shape))
-        self._run.carry_on(0, (positions, velocities))
-        return velocities
+        reading = self.reading()
+        self._run.step(0, reading)
+        return reading.velocities
 
     def set_positions(self, positions: ArrayLike) -> None:
         """Place every particle [m], (layers, rows, cols, 3) for all copies or with a leading copies axis.
@@ -186,6 +186,13 @@ class Simulator:
             for name, value in checked.items():
                 getattr(wind, name)[:] = value
 
+    @property
+    def wind_amplitudes(self) -> list[NDArray[np.float64]]:
+        """Amplitudes of each wind of the scene, (copies, 3): to write into is to `set_wind`, without a look at the numbers."""
+        if self._amplitudes is None:
+            self._amplitudes = [wind.amplitude for wind in self._winds()]
+        return self._amplitudes
+
     def wind(self) -> NDArray[np.float64] | None:
         """Mean and swinging part of the wind now, shape (copies, 3), in its unit as for `set_wind`; None in a scene without."""
         present = self._winds()
@@ -202,7 +209,7 @@ class Simulator:
         scene = self._scaled_scene(stiffness_scale, viscosity_scale)
         self._run.change(scene)
         self._scales = (float(stiffness_scale), float(viscosity_scale))
-        self._present_winds = None
+        self._present_winds = self._amplitudes = None
 
     # -- running ----------------------------------------------------------------------------------------------------------------
 
@@ -215,33 +222,38 @@ class Simulator:
             If a copy reaches non-finite numbers. It stops, until its state is set anew; the others have taken all steps.
         """
         n = validate.count("n", n, minimum=0)
-        if n > 0:
-            self._step(n, None)
+        if n == 0:
+            return
+        self._steps_taken += n
+        if self._run.step(n, None) < self._copies and (failure := self._failure(n)):
+            raise failure
 
-    def step_into(self, n: int, positions: NDArray[np.float64], velocities: NDArray[np.float64]) -> None:
-        """Take `n` >= 1 physics steps, then write positions [m] and velocities [m/s] into arrays.
+    def reading(self) -> Reading:
+        """Memory for `step_into`, which holds the positions at rest and no velocities."""
+        return Reading(self._scene.lattice, self._copies)
 
-        The same as `step` and a look at both properties, in one call of the machine code.
+    def step_into(self, n: int, reading: Reading) -> int:
+        """Take `n` >= 1 physics steps, then write positions and velocities into a reading.
+
+        The same as `step` and a look at both properties, in one call of the machine code and without fresh memory.
 
         Parameters
         ----------
         n
             Number of steps.
-        positions, velocities : (copies, layers, rows, cols, 3)
-            Contiguous float64 arrays; they are written whether or not a copy diverges.
+        reading
+            Memory from `reading()`.
 
-        Raises
-        ------
-        Diverged
-            See `step`.
+        Returns
+        -------
+        int
+            How many copies run on; `diverged` tells which do not. Nothing is raised for them.
         """
         n = validate.count("n", n)
-        for name, out in (("positions", positions), ("velocities", velocities)):
-            if not isinstance(out, np.ndarray) or out.shape != self._shape or out.dtype != _FLOAT64 or not out.flags.carray:
-                raise ValueError(f"{name} must be a contiguous, writeable float64 array of shape {self._shape}, got {out!r}")
-        if self._scene.lattice.dimensions < 3:
-            positions[:], velocities[:] = self._scene.lattice.rest_positions, 0.0
-        self._step(n, (positions, velocities))
+        if reading.shape != self._shape:
+            raise ValueError(f"reading must be of shape {self._shape}, got {reading.shape}")
+        self._steps_taken += n
+        return self._run.step(n, reading)
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole steps."""
@@ -281,19 +293,16 @@ class Simulator:
             self._present_winds = winds(self._scene.effects, self._run.effects)
         return self._present_winds
 
-    def _step(self, n: int, into: Readout | None) -> None:
+    def _failure(self, n: int) -> Diverged | None:
+        """What has gone wrong in the last `n` steps, if anything has, or if nothing runs on."""
         run = self._run
-        before = run.failed_at.copy()
-        healthy = run.step(n, into)
-        self._steps_taken += n
-        if healthy == self._copies:
-            return
-        new = np.flatnonzero((run.failed_at >= 0) & (before < 0))
-        if len(new) or (before >= 0).all():
-            copy = int(new[0]) if len(new) else 0
-            late = n - int(run.failed_at[copy]) if len(new) else 0
-            particle = np.unravel_index(run.failed_particle[copy], self._scene.lattice.shape)
-            raise Diverged(self.time - late * self._timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
+        new = np.flatnonzero(run.failed_at > 0)
+        if not len(new) and (run.failed_at < 0).any():
+            return None
+        copy = int(new[0]) if len(new) else 0
+        late = n - int(run.failed_at[copy]) if len(new) else 0
+        particle = np.unravel_index(run.failed_particle[copy], self._scene.lattice.shape)
+        return Diverged(self.time - late * self._timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_present_winds": None}
+        return {**self.__dict__, "_present_winds": None, "_amplitudes": None}
