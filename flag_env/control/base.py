@@ -25,10 +25,14 @@ class Control:
         Number of entries of an action.
     state_size
         Number of entries of `state`.
+    close
+        Difference between target and position that an agent sees as 1, in flag diagonals: of the size that the differences
+        have under this control, so that networks are neither saturated nor blind.
     """
 
     size: ClassVar[int]
     state_size: ClassVar[int]
+    close: ClassVar[float]
 
     def __init__(self, scene: Scene, copies: int) -> None:
         self.check(scene)

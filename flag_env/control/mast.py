@@ -29,6 +29,7 @@ class MastControl(Control):
 
     size: ClassVar[int] = 5
     state_size: ClassVar[int] = 10
+    close: ClassVar[float] = 0.5
 
     def __init__(self, scene: Scene, copies: int) -> None:
         super().__init__(scene, copies)

@@ -62,6 +62,7 @@ class WindControl(Control):
 
     size: ClassVar[int] = 3
     state_size: ClassVar[int] = 3
+    close: ClassVar[float] = 0.1
 
     def __init__(self, scene: Scene, copies: int) -> None:
         super().__init__(scene, copies)

@@ -43,9 +43,6 @@ FASTEST = float(np.finfo(np.float64).max)
 LIMIT = 100.0
 """Bound of every entry of an observation."""
 
-CLOSE = 0.1
-"""Difference between target and node that an agent sees as 1, in flag diagonals: what decides success lies well below it."""
-
 SCENES = ("flag", "two_layer_flag")
 
 
@@ -141,7 +138,7 @@ class FlagBatch:
         self._firsts = np.cumsum([0] + [control.size for control in self.controls]).tolist()[:-1]
         self.nodes = _observed_nodes(scene)
         self.diagonal = scene.lattice.diagonal
-        self._unit = CLOSE * self.diagonal
+        self._unit = max(control.close for control in self.controls) * self.diagonal
         self._entries = 12 * len(self.nodes) + sum(control.state_size for control in self.controls) + 1
         self.observed = np.zeros((copies, self._entries), np.float32)
         self._poses: dict[int, Array] = {}

@@ -49,7 +49,7 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     | 45 | positions of the nodes (x, y, z of each, row by row from below) | m |
     | 45 | their velocities | m/s |
     | 45 | target positions of the nodes | m |
-    | 45 | target minus position | 0.1 flag diagonals |
+    | 45 | target minus position | 0.1 flag diagonals; 0.5 under mast control |
     | 3 or 10 | actuators: wind amplitude; or mast pose and velocity | share of its range |
     | 1 | time left | share of the episode |
 
