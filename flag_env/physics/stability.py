@@ -82,56 +82,101 @@ class SceneSpectrum:
         """M^-1/2 Z M^-1/2 [1/s]."""
         return self._matrix(lambda term: term.viscosity, drag=True)
 
-    def _matrix(self, weight: Callable[[LinkTerm], NDArray[np.float64] | float], drag: bool = False) -> Any:
+    @cached_property
+    def _lasting(self) -> Any:
+        """M^-1/2 Z M^-1/2 [1/s] of damping that acts along every direction in every pose."""
+        return self._matrix(_everywhere, drag=True)
+
+    def _holding(self, step: float) -> tuple[Any, Any]:
+        """Stiffness, and damping that lasts, for which h K - Z is largest at h = `step` [s], whichever links are broken.
+
+        A link with step k <= z is worse broken than whole.
+        """
+        if not self._breaks:
+            return self.stiffness, self._lasting
+
+        def holds(term: LinkTerm, stiffness: float, viscosity: float) -> NDArray[np.bool_]:
+            return stiffness * term.stiffness > viscosity / step * _everywhere(term)
+
+        return self._matrix(lambda term: term.stiffness, among=holds), self._matrix(_everywhere, drag=True, among=holds)
+
+    @property
+    def _breaks(self) -> bool:
+        return any(effect.breaks for effect in self._effects)
+
+    def _matrix(
+        self,
+        weight: Callable[[LinkTerm], NDArray[np.float64]],
+        drag: bool = False,
+        among: Callable[[LinkTerm, float, float], NDArray[np.bool_]] | None = None,
+    ) -> Any:
         laplacian = _Laplacian(self._lattice.size)
         for effect in self._effects:
-            scale = self._scales.get(type(effect), (1.0, 1.0))[drag]
+            scales = self._scales.get(type(effect), (1.0, 1.0))
+            scale = scales[drag]
             for term in effect.link_terms(self._lattice):
-                laplacian.add(term.family.offset, scale * weight(term) * np.ones(len(term.stiffness)))
+                chosen = scale * weight(term)
+                laplacian.add(term.family.offset, chosen if among is None else chosen * among(term, *scales))
             own = effect.drag(self._lattice) if drag else None
             if own is not None:
                 laplacian.diagonal += scale * own
         roots = scipy.sparse.diags_array(1.0 / np.sqrt(self.masses))
         return roots @ laplacian.matrix(~self._lattice.fixed) @ roots
 
-    def largest_step(self, quadratic: float, linear: float, bound: float) -> float:
+    def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf) -> float:
         """See `Spectrum`. Newton's iteration on h from above: with the top vector u of the last matrix, solve for h in
         quadratic h^2 u'Ku + linear h u'Zu = bound; u gives a lower bound of the eigenvalue, so h never falls below the root.
         """
-        if not (quadratic and self.stiffness.nnz) and not (linear and self.damping.nnz):
+        if not (quadratic and self.stiffness.nnz) and not (linear > 0.0 and self.damping.nnz):
             return math.inf
-        step = _root(quadratic * _largest_sum(self.stiffness), linear * _largest_sum(self.damping), bound)
+        step = _root(quadratic * _largest_sum(self.stiffness), max(linear, 0.0) * _largest_sum(self.damping), bound)
         if step > _FOREVER:
             return math.inf
+        step = enough if math.isfinite(enough) else step
         vector, coarse = None, self.stiffness.shape[0] > _LARGE
+        stiffness, damping = self.stiffness, self.damping
         for turn in range(50):
-            matrix = quadratic * step**2 * self.stiffness + linear * step * self.damping
+            if linear < 0.0:
+                stiffness, damping = self._holding(-step * quadratic / linear)
+            matrix = quadratic * step**2 * stiffness + linear * step * damping
             vector = self._top_vector(matrix, vector, _COARSE if coarse or not turn else 1e-6)
-            a = quadratic * float(vector @ (self.stiffness @ vector))
-            b = linear * float(vector @ (self.damping @ vector))
+            a = quadratic * float(vector @ (stiffness @ vector))
+            b = linear * float(vector @ (damping @ vector))
             last, step = step, _root(a, b, bound)
             if step > _FOREVER:
                 return math.inf
+            if step > (1.0 + 10.0 * _COARSE) * enough:
+                return step
             if abs(step - last) <= (_COARSE if coarse else 1e-9) * step:
                 break
         return (1.0 - 2.0 * _COARSE) * step if coarse else step  # on the safe side of what a coarse vector leaves open
 
     def damped_step(self) -> float:
-        """See `Spectrum`. The inverse of the top eigenvalue of K u = e Z u; 0 where a mode is elastic but not damped."""
+        """See `Spectrum`. The inverse of the top eigenvalue of K u = e Z u; 0 where a mode is elastic but not damped.
+
+        Links that are worse broken than whole at that step leave K and Z, which lowers it, until none does.
+        """
         if not self.stiffness.nnz:
             return math.inf
-        damping = self._matrix(lambda term: term.viscosity if term.isotropic else 0.0, drag=True)
-        size = self.stiffness.shape[0]
         fastest = self.largest_step(1.0, 0.0, 1.0)
+        last, step = math.inf, self._damped_step(*self._holding(math.inf), fastest)
+        while self._breaks and 0.0 < step < (1.0 - 1e-9) * last:
+            stiffness, damping = self._holding(step)
+            last = step
+            if stiffness.nnz:
+                step = min(step, self._damped_step(stiffness, damping, fastest))
+        return step
+
+    def _damped_step(self, stiffness: Any, damping: Any, fastest: float) -> float:
+        size = stiffness.shape[0]
         # far below any useful step, and keeps Z invertible where a mode has neither stiffness nor damping
-        floor = 1e-7 * fastest * self.stiffness + 1e-7 / fastest * scipy.sparse.eye_array(size)
+        floor = 1e-7 * fastest * stiffness + 1e-7 / fastest * scipy.sparse.eye_array(size)
         shifted = scipy.sparse.csc_array(damping + floor)
         if size <= _DENSE:
-            top = scipy.linalg.eigh(self.stiffness.toarray(), shifted.toarray(), eigvals_only=True)[-1]
+            top = scipy.linalg.eigh(stiffness.toarray(), shifted.toarray(), eigvals_only=True)[-1]
         else:
-            top = scipy.sparse.linalg.eigsh(
-                self.stiffness, k=1, M=shifted, which="LA", v0=self._start, tol=1e-6, return_eigenvectors=False
-            )[0]
+            found = scipy.sparse.linalg.eigsh(stiffness, k=1, M=shifted, which="LA", v0=self._start, tol=1e-6)
+            top = found[0][0]
         step = 1.0 / float(top)
         return step if step > 1e-4 * fastest else 0.0
 
@@ -150,7 +195,7 @@ class SceneSpectrum:
 
 
 def _root(a: float, b: float, bound: float) -> float:
-    """Positive h with a h^2 + b h = bound, for a, b >= 0; infinite where both are nothing."""
+    """Positive h with a h^2 + b h = bound, for a >= 0; infinite where there is none."""
     turn = b + math.sqrt(b * b + 4.0 * a * bound)
     return 2.0 * bound / turn if turn > 0.0 else math.inf
 
@@ -158,6 +203,11 @@ def _root(a: float, b: float, bound: float) -> float:
 def _largest_sum(matrix: Any) -> float:
     """Largest sum of magnitudes along a row: no eigenvalue is larger."""
     return float(abs(matrix).sum(axis=1).max(initial=0.0))
+
+
+def _everywhere(term: LinkTerm) -> NDArray[np.float64]:
+    """Viscosity that acts along every direction in every pose [N s/m]."""
+    return term.viscosity if term.isotropic else np.zeros_like(term.viscosity)
 
 
 class _Laplacian:

@@ -12,7 +12,6 @@ from flag_env.physics import Diverged, Lattice, Scene, Simulator, max_timestep, 
 from flag_env.physics.effects import AirDrag, CosineWind, Gravity, Shear, Structural
 from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Implicit, Integrator, Leapfrog, Strang
 from flag_env.physics.integrators.banded import factorise, improve
-from flag_env.physics.integrators.rk4 import POLYGON
 from flag_env.physics.jit import jit
 from flag_env.physics.stability import SceneSpectrum
 from flag_env.studies import reference
@@ -160,10 +159,9 @@ def test_limit_is_where_the_linear_problem_starts_to_grow(method, case):
     if isinstance(method, ExplicitEuler) and case == "undamped":
         assert limit == 0.0
         return
-    above = 1.06 if isinstance(method, RK4) and case == "light" else 1.01  # 5 % are kept back for poses that are less stiff
     slow = 10 if isinstance(method, ExplicitEuler) and case == "light" else 1
     assert growth(chain(*LINEAR[case], method, 0.99), 40_000 * slow) < 20
-    assert growth(chain(*LINEAR[case], method, above), 40_000 * slow) > 1e3
+    assert growth(chain(*LINEAR[case], method, 1.01), 40_000 * slow) > 1e3
 
 
 def test_limits_in_closed_form():
@@ -182,21 +180,6 @@ def test_limits_in_closed_form():
     assert set(found) == set(expected)
     for name, values in expected.items():
         assert found[name] == pytest.approx(values, rel=1e-6), name
-
-
-def test_polygon_of_rk4_lies_inside_the_stable_set_and_touches_it():
-    def growth_factor(a, b):
-        root = np.sqrt(b * b / 4 - a + 0j)
-        z = np.stack([-b / 2 + root, -b / 2 - root])
-        return np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).max(axis=0)
-
-    a, b = np.meshgrid(np.linspace(0, 8, 801), np.linspace(0, 2.785293563405, 401))
-    inside = np.all([p * a + q * b <= r for p, q, r in POLYGON], axis=0)
-    assert growth_factor(a, b)[inside].max() <= 1 + 1e-9
-    for p, q, r in POLYGON[:2]:
-        assert growth_factor(*(1.001 * np.array([r / p if p else 0.0, r / q if q else 0.0])[:, None])) > 1 + 1e-4
-    wider = np.all([p * a + q * b <= 1.03 * r for p, q, r in POLYGON[2:]], axis=0)
-    assert growth_factor(a, b)[wider].max() > 1
 
 
 def test_explicit_euler_refuses_what_is_not_damped():

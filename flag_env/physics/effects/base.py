@@ -69,9 +69,12 @@ class Effect:
         Whether it acts on the arrays of other effects, and so is bound after them.
     rank
         A scene holds its effects by rank, those of one rank as given: who moves particles last has the last word.
+    breaks
+        Whether it may break links while a scene runs, which then lose their stiffness and their damping.
     """
 
     binds_last: ClassVar[bool] = False
+    breaks: ClassVar[bool] = False
     rank: ClassVar[int] = 0
 
     def check(self, lattice: Lattice) -> None:

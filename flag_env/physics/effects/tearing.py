@@ -163,6 +163,7 @@ class Tearing(Effect):
     """
 
     binds_last: ClassVar[bool] = True
+    breaks: ClassVar[bool] = True
 
     strain: float = 0.3
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
@@ -32,12 +33,19 @@ class Spectrum(Protocol):
         """Sparse M^-1/2 Z M^-1/2 [1/s]."""
         ...
 
-    def largest_step(self, quadratic: float, linear: float, bound: float) -> float:
-        """Largest h [s] for which the top eigenvalue of M^-1 (quadratic h^2 K + linear h Z) does not exceed `bound`."""
+    def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf) -> float:
+        """Largest h [s] for which the top eigenvalue of M^-1 (quadratic h^2 K + linear h Z) does not exceed `bound`.
+
+        With linear < 0, Z is only damping that acts along every direction in every pose; where links may break, that holds with
+        any of them broken. Where it is larger than `enough`, so is the answer, but no more is promised: that is quickly seen.
+        """
         ...
 
     def damped_step(self) -> float:
-        """Largest h [s] for which h K <= Z as matrices, counting only damping that acts along every direction in every pose."""
+        """Largest h [s] for which h K <= Z as matrices, counting only damping that acts along every direction in every pose.
+
+        Where links may break, that holds with any of them broken.
+        """
         ...
 
 
