@@ -46,8 +46,9 @@ def benchmark(arguments: Benchmark) -> dict[str, Any]:
         evaluation = run(training)
         description = read_json(training.folder / "arguments.json")
         run_of_seed = {name: evaluation[name] for name in ("timesteps", "seconds")}
+        run_of_seed["seconds_to_95"] = seconds_to(0.95, read_json(training.folder / "learning_curve.json"), **run_of_seed)
         rows.append({"seed": seed, **run_of_seed, **evaluation["policies"]["agent"]})
-    names = [name for name in rows[0] if name not in ("seed", "timesteps", "seconds")]
+    names = [name for name in rows[0] if name not in ("seed", "timesteps", "seconds", "seconds_to_95")]
     mean = {name: float(np.mean([row[name] for row in rows])) for name in names if all(row[name] is not None for row in rows)}
     return {
         "task": evaluation["task"],
@@ -65,15 +66,25 @@ def benchmark(arguments: Benchmark) -> dict[str, Any]:
     }
 
 
+def seconds_to(success: float, curve: list[dict[str, Any]], timesteps: int, seconds: float) -> float | None:
+    """Training time until the first point of a learning curve with this success at 5 %, as if all steps took alike; None: never.
+
+    The time holds what validations and checkpoints take.
+    """
+    reached = [point["timesteps"] for point in curve if point["success_5"] >= success]
+    return round(seconds * reached[0] / timesteps, 1) if reached else None
+
+
 def table(result: dict[str, Any]) -> str:
     """The results for the terminal."""
-    lines = [f"{'':8}  {'success at 5 %':>14}  {'success at 3 %':>14}  {'median distance':>15}  {'seconds':>7}"]
+    lines = [f"{'':8}  {'success at 5 %':>14}  {'success at 3 %':>14}  {'median distance':>15}  {'seconds':>7}  {'to 95 %':>7}"]
     rows = {f"seed {row['seed']}": row for row in result["seeds"]} | {"mean": result["mean"]} | result["baselines"]
     for name, row in rows.items():
         median = row.get("median_distance")
         distance = "diverged" if median is None else f"{median:.1%}"
         seconds = f"{row['seconds']:.0f}" if "seconds" in row else ""
-        lines.append(f"{name:8}  {row['success_5']:>14.1%}  {row['success_3']:>14.1%}  {distance:>15}  {seconds:>7}")
+        soon = "never" if row.get("seconds_to_95", 0) is None else f"{row['seconds_to_95']:.0f}" if "seconds_to_95" in row else ""
+        lines.append(f"{name:8}  {row['success_5']:>14.1%}  {row['success_3']:>14.1%}  {distance:>15}  {seconds:>7}  {soon:>7}")
     return "\n".join(lines)
 
 

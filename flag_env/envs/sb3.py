@@ -49,12 +49,12 @@ class FlagSB3VecEnv(VecEnv):
         seeds = list(self._seeds)
         if all(option == options[0] for option in options):
             observation, info = self.env.reset(seed=seeds, options=options[0])
-            self.reset_infos = [_single(info, copy) for copy in range(self.num_envs)]
+            self.reset_infos = _singles(info, self.num_envs)
         else:
             for copy, option in enumerate(options):
                 mask = np.arange(self.num_envs) == copy
                 observation, info = self.env.reset(seed=seeds, options={"reset_mask": mask, **option})
-                self.reset_infos[copy] = _single(info, copy)
+                self.reset_infos[copy] = _singles(info, self.num_envs)[copy]
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -67,14 +67,14 @@ class FlagSB3VecEnv(VecEnv):
         """Take one control step of every flag."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         done = terminated | truncated
-        infos = []
-        for copy in range(self.num_envs):
-            single = _single(info["final_info"], copy) if done[copy] else _single(info, copy)
-            single["TimeLimit.truncated"] = bool(truncated[copy] and not terminated[copy])
-            if done[copy]:
-                single["terminal_observation"] = info["final_obs"][copy]
-                self.reset_infos[copy] = _single(info, copy)
-            infos.append(single)
+        infos = _singles(info, self.num_envs)
+        if done.any():
+            last = _singles(info["final_info"], self.num_envs)
+            for copy in np.flatnonzero(done).tolist():
+                self.reset_infos[copy], infos[copy] = infos[copy], last[copy]
+                infos[copy]["terminal_observation"] = info["final_obs"][copy]
+        for single, cut in zip(infos, (truncated & ~terminated).tolist(), strict=True):
+            single["TimeLimit.truncated"] = cut
         return observation, reward.astype(np.float32), done, infos
 
     def close(self) -> None:
@@ -106,11 +106,15 @@ class FlagSB3VecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def _single(info: dict[str, Any], copy: int) -> dict[str, Any]:
-    """One copy's info, as the single environment gives it."""
-    result: dict[str, Any] = {}
+def _singles(info: dict[str, Any], count: int) -> list[dict[str, Any]]:
+    """Each copy's info, as the single environment gives it."""
+    result: list[dict[str, Any]] = [{} for _ in range(count)]
     for name, value in info.items():
-        if name.startswith(("_", "final_")) or not info.get(f"_{name}", np.ones(copy + 1, bool))[copy]:
+        if name.startswith(("_", "final_")):
             continue
-        result[name] = _single(value, copy) if isinstance(value, dict) else value[copy].item()
+        entries = _singles(value, count) if isinstance(value, dict) else value.tolist()
+        present = info[f"_{name}"].tolist()
+        for single, entry, there in zip(result, entries, present, strict=True):
+            if there:
+                single[name] = entry
     return result

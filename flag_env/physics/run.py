@@ -6,6 +6,7 @@ each is stepped by itself, so its bits do not depend on how many there are nor o
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -26,6 +27,9 @@ from flag_env.physics.threads import Threads
 
 _SERIAL = 20_000
 """Particle-steps below which waking threads costs more than it gains."""
+
+_BLOCKS = 4
+"""Blocks of copies for each thread: whoever is done takes the next, so that no thread waits long for one that was held up."""
 
 
 class Run:
@@ -103,8 +107,17 @@ class Run:
         threads = 1 if steps < self._few_steps else self._threads.count
         if threads == 1:
             return self._share(steps, into, 0, copies)
-        ends = [thread * copies // threads for thread in range(threads + 1)]
-        return sum(self._threads.run(lambda i: self._share(steps, into, ends[i], ends[i + 1], i), threads))
+        blocks = min(copies, _BLOCKS * threads)
+        ends = [block * copies // blocks for block in range(blocks + 1)]
+        turn = itertools.count()
+
+        def work(thread: int) -> int:
+            healthy = 0
+            while (block := next(turn)) < blocks:
+                healthy += self._share(steps, into, ends[block], ends[block + 1], thread)
+            return healthy
+
+        return sum(self._threads.run(work, threads))
 
     def _share(self, steps: int, into: Reading | None, first: int, last: int, thread: int = 0) -> int:
         if into is None:

@@ -8,6 +8,8 @@ and second level of cache. The machine code's vectors are read off its assembly.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numba
@@ -56,11 +58,23 @@ def _repeat(a: Any, b: Any, c: Any, s: Any, kind: int, repeats: int) -> None:
             _roots(a, s, a.shape[0])
 
 
+@cache
+def _loops() -> Callable[..., None]:
+    return cached(_repeat, None)
+
+
+def arithmetic(thread: int) -> None:
+    """Some milliseconds of additions and multiplications in registers, in memory of its own: what a thread can do."""
+    del thread
+    a, b, c = np.ones((3, _LENGTH), np.float32)
+    _loops()(a, b, c, np.float32(0.5), 1, _REPEATS)
+
+
 def roofline(quick: bool) -> dict[str, dict[str, Any]]:
     """Bounds and the kernel's own figures, float32, one thread."""
     from flag_env.studies.speed_kernels import springs
 
-    repeat = cached(_repeat, None)
+    repeat = _loops()
     a, b, c = np.ones((3, _LENGTH), np.float32)
     half = np.float32(0.5)
     scene = springs(20, 32, "float32")

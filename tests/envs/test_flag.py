@@ -83,11 +83,16 @@ def test_worker_processes_after_kernels_ran_here(method):
     assert same((observation[1], after[1]), expected)
 
 
-def test_sb3_worker_processes():
-    workers = SubprocVecEnv([_make] * 2, start_method="forkserver")
+@pytest.mark.parametrize("method", ["fork", "forkserver"])
+def test_sb3_worker_processes_after_kernels_ran_here(method):
+    single = _make()
+    expected = single.reset(seed=4)[0], single.step(np.ones(3, np.float32))[0]
+    workers = SubprocVecEnv([_make] * 2, start_method=method)
     try:
-        assert workers.reset().shape == (2, 184)
-        assert workers.step(np.zeros((2, 3)))[1].shape == (2,)
+        workers.seed(3)
+        observation = workers.reset()
+        after = workers.step(np.ones((2, 3), np.float32))[0]
+        assert same((observation[1], after[1]), expected)
     finally:
         workers.close()
 

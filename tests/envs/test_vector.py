@@ -109,3 +109,37 @@ def test_frames_of_all_flags():
     assert len(frames) == 3
     assert frames[0].shape == (48, 64, 3)
     env.close()
+
+
+FORK = """
+import multiprocessing
+
+import gymnasium
+import numpy as np
+
+import flag_env
+
+
+def step(pipe):
+    pipe.send(envs.step(actions)[0])
+
+
+envs = gymnasium.make_vec("Flag-v0", 64, vectorization_mode="vector_entry_point", threads=2)
+actions = np.random.default_rng(0).uniform(-1, 1, (64, 3)).astype(np.float32)
+envs.reset(seed=0)
+envs.step(actions)
+assert envs.simulator._run._threads._pool is not None  # the threads are awake
+processes = multiprocessing.get_context("fork")
+here, there = processes.Pipe()
+child = processes.Process(target=step, args=(there,))
+child.start()
+assert here.poll(200)
+theirs = here.recv()
+child.join(200)
+print(child.exitcode, np.array_equal(envs.step(actions)[0], theirs))
+"""
+
+
+def test_a_forked_child_goes_on_with_threads_of_its_own(run_python):
+    """The parent's threads do not exist in the child: it must neither wait for them nor come to other bits."""
+    assert run_python(FORK).split() == ["0", "True"]
