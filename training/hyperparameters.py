@@ -43,6 +43,12 @@ class Hyperparameters:
         return keywords
 
 
+def shipped(algo: str, control: str) -> Path:
+    """The file of an algorithm: the one tuned to the control, where there is one."""
+    own = FOLDER / f"{algo}-{control}.yml"
+    return own if own.exists() else FOLDER / f"{algo}.yml"
+
+
 def read(path: Path, env_id: str, total_timesteps: int | None = None, n_envs: int | None = None) -> Hyperparameters:
     """The entry of an environment in a hyperparameter file; numbers that are given take the place of the file's."""
     entries = yaml.safe_load(path.read_text(encoding="utf-8"))

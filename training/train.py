@@ -61,7 +61,7 @@ class Arguments:
     n_envs: int | None = None
     """Number of environments. None: as in the hyperparameter file."""
     hyperparameters: Path | None = None
-    """Hyperparameter file in rl-zoo3's format. None: training/hyperparams/<algo>.yml."""
+    """Hyperparameter file in rl-zoo3's format. None: training/hyperparams/<algo>-<control>.yml, or <algo>.yml."""
     device: str = "cpu"
     """Where the networks live; the GPU is slower for networks as small as these."""
     validations: int = 10
@@ -102,7 +102,7 @@ def start(arguments: Arguments, hyper: hyperparameters.Hyperparameters) -> BaseA
 def run(arguments: Arguments, callbacks: tuple[BaseCallback, ...] = ()) -> dict[str, Any]:
     """Train, or go on with a training, and return the content of `evaluation.json`."""
     torch.set_num_threads(1)  # networks this small gain nothing from more, and sums keep their order
-    path = arguments.hyperparameters or hyperparameters.FOLDER / f"{arguments.algo}.yml"
+    path = arguments.hyperparameters or hyperparameters.shipped(arguments.algo, arguments.control)
     hyper = hyperparameters.read(path, arguments.env_id, arguments.total_timesteps, arguments.n_envs)
     folder, task = arguments.folder, arguments.task
     prepare(folder, arguments, hyper)

@@ -4,7 +4,7 @@ import pytest
 import yaml
 from torch import nn
 
-from training.hyperparameters import FOLDER, parse_keywords, read
+from training.hyperparameters import FOLDER, parse_keywords, read, shipped
 from training.train import Arguments, start
 
 FILES = sorted(FOLDER.glob("*.yml"))
@@ -20,15 +20,17 @@ def test_files_have_the_keys_of_rl_zoo3(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_files_make_models(path):
     hyper = read(path, "Flag-v0")
-    model = start(Arguments(algo=path.stem), hyper)
+    algo, _, control = path.stem.partition("-")
+    model = start(Arguments(algo=algo, control=control or "wind"), hyper)
+    assert shipped(algo, control) == path
     assert model.n_envs == hyper.n_envs
     for name in ("gamma", "batch_size"):
         assert getattr(model, name) == hyper.algorithm[name]
     model.get_env().close()
 
 
-def test_there_is_a_file_for_each_algorithm():
-    assert [path.stem for path in FILES] == ["ppo", "sac"]
+def test_there_is_a_file_for_each_algorithm_and_one_for_the_mast():
+    assert [path.stem for path in FILES] == ["ppo-mast", "ppo", "sac"]
 
 
 def test_given_numbers_take_the_place_of_the_files():
