@@ -35,15 +35,15 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numba.extending import overload
 
-from flag_env.physics.compiler import Glue
-from flag_env.physics.jit import FLAGS, cached, jit, kernel
+from flag_env.physics.jit import cached, jit, kernel
 
 CHECK_EVERY = 50
 """Steps between two checks for non-finite numbers."""
 
-_OPTIONS = {**FLAGS, "pipeline_class": Glue}
+_OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False}
 
 
 def forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> None:
@@ -134,11 +134,19 @@ def _clear(f: Any, n: int) -> None:
 
 
 @kernel
-def _count_non_finite(a: Any, n: int) -> int:
+def _count_non_finite(bits: Any, exponent: Any, n: int) -> int:
     bad = 0
     for t in range(n):
-        bad += (a[t] - a[t]) != 0  # NaN unless finite; a count, unlike a float sum, vectorises
+        bad += (bits[t] & exponent) == exponent  # only NaN and infinity have all bits of the exponent set
     return bad
+
+
+@jit
+def _non_finite(a: Any) -> int:
+    """How many numbers of a row are not finite, told by their bits: arithmetic may be compiled to assume that all are."""
+    if a.itemsize == 8:
+        return _count_non_finite(a.view(np.int64), np.int64(0x7FF0000000000000), a.shape[0])
+    return _count_non_finite(a.view(np.int32), np.int32(0x7F800000), a.shape[0])
 
 
 @jit
@@ -146,11 +154,11 @@ def _first_non_finite(x: Any, v: Any) -> int:
     """Lowest particle with a non-finite position or velocity; -1 if there is none."""
     bad = 0
     for d in range(x.shape[0]):
-        bad += _count_non_finite(x[d], x.shape[1]) + _count_non_finite(v[d], x.shape[1])
+        bad += _non_finite(x[d]) + _non_finite(v[d])
     if bad:
         for t in range(x.shape[1]):
             for d in range(x.shape[0]):
-                if (x[d, t] - x[d, t]) != 0 or (v[d, t] - v[d, t]) != 0:
+                if _non_finite(x[d, t : t + 1]) or _non_finite(v[d, t : t + 1]):
                     return t
     return -1
 
