@@ -85,7 +85,8 @@ class SceneSpectrum:
     @cached_property
     def _lasting(self) -> Any:
         """M^-1/2 Z M^-1/2 [1/s] of damping that acts along every direction in every pose."""
-        return self._matrix(_everywhere, drag=True)
+        terms = (term for effect in self._effects for term in effect.link_terms(self._lattice))
+        return self.damping if all(term.isotropic for term in terms) else self._matrix(_everywhere, drag=True)
 
     def _holding(self, step: float) -> tuple[Any, Any]:
         """Stiffness, and damping that lasts, for which h K - Z is largest at h = `step` [s], whichever links are broken.
@@ -120,18 +121,25 @@ class SceneSpectrum:
             own = effect.drag(self._lattice) if drag else None
             if own is not None:
                 laplacian.diagonal += scale * own
-        roots = scipy.sparse.diags_array(1.0 / np.sqrt(self.masses))
-        return roots @ laplacian.matrix(~self._lattice.fixed) @ roots
+        return laplacian.matrix(self.free, self.masses)
+
+    def sure_step(self, quadratic: float, linear: float, bound: float) -> float:
+        """See `Spectrum`. From the largest sums of magnitudes along a row, which no eigenvalue exceeds."""
+        stiffness, damping = self._largest_sums
+        return _root(quadratic * stiffness, max(linear, 0.0) * damping, bound)
+
+    @cached_property
+    def _largest_sums(self) -> tuple[float, float]:
+        stiffness, damping = (float(abs(part).sum(axis=1).max(initial=0.0)) for part in (self.stiffness, self.damping))
+        return stiffness, damping
 
     def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf) -> float:
         """See `Spectrum`. Newton's iteration on h from above: with the top vector u of the last matrix, solve for h in
         quadratic h^2 u'Ku + linear h u'Zu = bound; u gives a lower bound of the eigenvalue, so h never falls below the root.
         """
-        if not (quadratic and self.stiffness.nnz) and not (linear > 0.0 and self.damping.nnz):
-            return math.inf
-        step = _root(quadratic * _largest_sum(self.stiffness), max(linear, 0.0) * _largest_sum(self.damping), bound)
-        if step > _FOREVER:
-            return math.inf
+        step = self.sure_step(quadratic, linear, bound)
+        if step > min(enough, _FOREVER):
+            return step if step <= _FOREVER else math.inf
         step = enough if math.isfinite(enough) else step
         vector, coarse = None, self.stiffness.shape[0] > _LARGE
         stiffness, damping = self.stiffness, self.damping
@@ -158,7 +166,7 @@ class SceneSpectrum:
         """
         if not self.stiffness.nnz:
             return math.inf
-        fastest = self.largest_step(1.0, 0.0, 1.0)
+        fastest = self.sure_step(1.0, 0.0, 1.0)
         last, step = math.inf, self._damped_step(*self._holding(math.inf), fastest)
         while self._breaks and 0.0 < step < (1.0 - 1e-9) * last:
             stiffness, damping = self._holding(step)
@@ -175,7 +183,11 @@ class SceneSpectrum:
         if size <= _DENSE:
             top = scipy.linalg.eigh(stiffness.toarray(), shifted.toarray(), eigvals_only=True)[-1]
         else:
-            found = scipy.sparse.linalg.eigsh(stiffness, k=1, M=shifted, which="LA", v0=self._start, tol=1e-6)
+            factor = scipy.sparse.linalg.splu(
+                shifted, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+            )
+            inverse = scipy.sparse.linalg.LinearOperator(shifted.shape, matvec=factor.solve, dtype=np.float64)
+            found = scipy.sparse.linalg.eigsh(stiffness, k=1, M=shifted, Minv=inverse, which="LA", v0=self._start, tol=1e-6)
             top = found[0][0]
         step = 1.0 / float(top)
         return step if step > 1e-4 * fastest else 0.0
@@ -200,11 +212,6 @@ def _root(a: float, b: float, bound: float) -> float:
     return 2.0 * bound / turn if turn > 0.0 else math.inf
 
 
-def _largest_sum(matrix: Any) -> float:
-    """Largest sum of magnitudes along a row: no eigenvalue is larger."""
-    return float(abs(matrix).sum(axis=1).max(initial=0.0))
-
-
 def _everywhere(term: LinkTerm) -> NDArray[np.float64]:
     """Viscosity that acts along every direction in every pose [N s/m]."""
     return term.viscosity if term.isotropic else np.zeros_like(term.viscosity)
@@ -222,15 +229,21 @@ class _Laplacian:
         self.diagonal[offset:] += weight
         self.bands[offset] = self.bands.get(offset, 0.0) - weight  # on narrow lattices two directions share an offset
 
-    def matrix(self, free: NDArray[np.bool_]) -> Any:
-        size = len(self.diagonal)
-        whole = scipy.sparse.csr_array(scipy.sparse.diags_array(self.diagonal))
-        if self.bands:
-            upper = scipy.sparse.diags_array(list(self.bands.values()), offsets=list(self.bands), shape=(size, size))
-            whole = scipy.sparse.csr_array(whole + upper + upper.T)
-        part = whole[free][:, free]
-        part.eliminate_zeros()
-        return part
+    def matrix(self, free: NDArray[np.intp], masses: NDArray[np.float64]) -> Any:
+        """Its rows and columns of the free particles, divided by the roots of their masses; entries of nothing left out."""
+        roots, number = np.zeros(len(self.diagonal)), np.full(len(self.diagonal), -1)
+        roots[free], number[free] = 1.0 / np.sqrt(masses), np.arange(len(free))
+        entries = [roots**2 * self.diagonal]
+        rows, columns = [number], [number]
+        for offset, band in self.bands.items():
+            scaled = roots[:-offset] * band * roots[offset:]
+            entries += [scaled, scaled]
+            rows += [number[:-offset], number[offset:]]
+            columns += [number[offset:], number[:-offset]]
+        entry, row, column = (np.concatenate(parts) for parts in (entries, rows, columns))
+        there = entry != 0.0  # a pinned particle's root is nothing
+        size = len(free)
+        return scipy.sparse.csr_array((entry[there], (row[there], column[there])), shape=(size, size))
 
 
 @lru_cache(maxsize=256)

@@ -8,6 +8,7 @@ costs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -82,19 +83,26 @@ def chart(method: Integrator, varied: str, columns: int, rows: int) -> dict[str,
     }
 
 
+LIMITED = {
+    "flag": presets.flag(20, 32),
+    "undamped": presets.flag(20, 32, viscosity=0.0),
+    "overdamped": presets.flag(20, 32, viscosity=0.2),
+    "two layers": presets.two_layer_flag(20, 32),
+    "two layers, undamped": presets.two_layer_flag(20, 32, viscosity=0.0),
+    "two layers, overdamped": presets.two_layer_flag(20, 32, viscosity=0.2),
+}
+"""Flags of 20 x 32 particles whose limit is looked for against the clock."""
+
+
 def limit_times(rounds: int) -> list[dict[str, Any]]:
-    """Milliseconds to know the limit of a flag of 20 x 32 particles, for each integrator, for the first time and from memory."""
-    flag = presets.flag(20, 32)
+    """Milliseconds to know the limit of each flag of `LIMITED`, a row for each integrator; the last column is from memory."""
     rows = []
     for method in METHODS:
-        one = flag.replace(integrator=method)
-
-        def anew(one: Scene = one) -> None:
-            limits._limit.cache_clear()
-            max_timestep(one)
-
-        times = fastest({"first": anew, "again": partial(max_timestep, one)}, rounds)
-        rows.append({"integrator": type(method).__name__, **{f"limit {name} [ms]": 1e3 * t for name, t in times.items()}})
+        flags = {name: flag.replace(integrator=method) for name, flag in LIMITED.items()}
+        jobs: dict[str, Callable[[], Any]] = {name: partial(max_timestep, flag) for name, flag in flags.items()}
+        times = fastest(jobs, rounds, prepare=dict.fromkeys(jobs, limits._limit.cache_clear))
+        again = fastest({"again": jobs["flag"]}, rounds)
+        rows.append({"integrator": type(method).__name__, **{f"{name} [ms]": 1e3 * t for name, t in (times | again).items()}})
     return rows
 
 
@@ -129,7 +137,7 @@ def run(output: Path, quick: bool) -> None:
             for method in methods:
                 charts.append(chart(method, varied, *size))
                 bar.update()
-    random = [margins(method, 6 if quick else 30) for method in tqdm(METHODS, desc="random scenes")]
+    random = [margins(method, 6 if quick else 300) for method in tqdm(METHODS, desc="random scenes")]
     costs, checks = limit_times(3 if quick else 20), check_cost(5 if quick else 30)
     counts = ("integrator", "varied", "unstable below the limit", "cells below", "stable above 1.35 limits", "cells above")
     rows = [{name: one[name] for name in counts} for one in charts]

@@ -33,6 +33,10 @@ class Spectrum(Protocol):
         """Sparse M^-1/2 Z M^-1/2 [1/s]."""
         ...
 
+    def sure_step(self, quadratic: float, linear: float, bound: float) -> float:
+        """A step [s] that is no larger than `largest_step`, known at once; some ten per cent to a half smaller."""
+        ...
+
     def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf) -> float:
         """Largest h [s] for which the top eigenvalue of M^-1 (quadratic h^2 K + linear h Z) does not exceed `bound`.
 
