@@ -25,7 +25,9 @@ FORBIDDEN = {
     "physics/compose.py": ("flag_env.physics.scene", "flag_env.physics.simulator", "flag_env.physics.run",
                            "flag_env.physics.stability", "flag_env.physics.effects", "flag_env.physics.integrators",
                            "flag_env.physics.lattice"),
-    "physics/jit.py": ("flag_env",),
+    "physics/compiler.py": ("flag_env",),
+    "physics/jit.py": ("flag_env.physics.effects", "flag_env.physics.integrators", "flag_env.physics.lattice",
+                       "flag_env.physics.scene", "flag_env.physics.compose"),
     "physics/lattice.py": ("flag_env.physics.effects", "flag_env.physics.scene", "flag_env.physics.compose"),
 }  # fmt: skip
 """What a part of the package must not import, at any depth."""

@@ -38,12 +38,13 @@ from typing import Any
 import numpy as np
 from numba.extending import overload
 
-from flag_env.physics.jit import cached, jit, kernel
+from flag_env.physics.compiler import Glue
+from flag_env.physics.jit import FLAGS, cached, jit, kernel
 
 CHECK_EVERY = 50
 """Steps between two checks for non-finite numbers."""
 
-_OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False}
+_OPTIONS = {**FLAGS, "pipeline_class": Glue}
 
 
 def forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> None:

@@ -7,8 +7,8 @@ Three decorators, one set of flags (IEEE arithmetic, NumPy's error model, no GIL
   its run-time overlap checks and vectorises every loop: twice the speed on a small flag.
 * `cached`: an entry point whose machine code is kept on disk, even where effects from outside take part.
 
-What `jit` and `kernel` compile of the package's own is kept on disk too, so that a new combination of effects compiles only what
-joins them.
+What `jit` and `kernel` compile of the package's own becomes part of entry points (see `compiler`) and is kept on disk too: a new
+combination of effects compiles only what joins them.
 
 No fast-math: additions keep their order and NaN keeps its meaning, so every machine computes the same bits.
 
@@ -29,36 +29,34 @@ from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache, _CacheLocator
-from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler import Compiler, CompilerBase
+
+from flag_env.physics.compiler import Glue, Kernel, NoAlias, Part, rebuilt
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 _PACKAGE = Path(__file__).parent
 
-
-class _NoAlias(CompilerBase):  # type: ignore[misc]
-    """Numba's usual pipeline with every pointer argument marked `noalias`."""
-
-    def define_pipelines(self) -> list[Any]:
-        self.state.flags.noalias = True
-        return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
+FLAGS = {"error_model": "numpy", "nogil": True, "_nrt": False}
+"""Numba's options for everything compiled here."""
 
 
 def jit(function: F) -> F:
     """Compile glue code, whose array arguments may overlap."""
-    return _kept(numba.njit(error_model="numpy", nogil=True, _nrt=False)(function))  # type: ignore[no-any-return]
+    return _compiled(function, Glue, Compiler)  # type: ignore[no-any-return]
 
 
 def kernel(function: F) -> F:
     """Compile a loop none of whose written arrays overlaps another argument."""
-    return _kept(numba.njit(error_model="numpy", nogil=True, _nrt=False, pipeline_class=_NoAlias)(function))  # type: ignore[no-any-return]
+    return _compiled(function, Kernel, NoAlias)  # type: ignore[no-any-return]
 
 
-def _kept(dispatcher: Any) -> Any:
-    """The dispatcher, its machine code kept on disk if it belongs to this package."""
-    function = getattr(dispatcher, "py_func", None)  # None: NUMBA_DISABLE_JIT
-    if function is not None and Path(function.__code__.co_filename).is_relative_to(_PACKAGE):
-        dispatcher._cache = _SourceKeyedCache(function, ())
+def _compiled(function: Any, part: type[CompilerBase], whole: type[CompilerBase]) -> Any:
+    """A part of entry points, kept on disk, if the function is this package's own."""
+    if numba.config.DISABLE_JIT or not Path(function.__code__.co_filename).is_relative_to(_PACKAGE):
+        return numba.njit(**FLAGS, pipeline_class=whole)(function)
+    dispatcher = Part(function, targetoptions={**FLAGS, "nopython": True, "boundscheck": None}, pipeline_class=part)
+    dispatcher._cache = _SourceKeyedCache(function, (), _PartFiles)
     return dispatcher
 
 
@@ -72,9 +70,9 @@ def cached(function: F, extra_sources: Iterable[Path] | None = ()) -> F:
     extra_sources
         Source files outside `flag_env.physics` whose code is compiled in; None where they have no file: then nothing is kept.
     """
-    dispatcher = numba.njit(error_model="numpy", nogil=True, _nrt=False)(function)
+    dispatcher = numba.njit(**FLAGS, no_cfunc_wrapper=True)(function)
     if extra_sources is not None and dispatcher is not function:
-        dispatcher._cache = _SourceKeyedCache(function, tuple(sorted(extra_sources)))
+        dispatcher._cache = _SourceKeyedCache(function, tuple(sorted(extra_sources)), _Files)
     return dispatcher  # type: ignore[no-any-return]
 
 
@@ -146,22 +144,31 @@ class _Impl(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes = [_Locator]  # noqa: RUF012  (Numba's name and type)
 
 
+class _PartImpl(_Impl):
+    def rebuild(self, target_context: Any, payload: tuple[Any, ...]) -> Any:
+        return rebuilt(target_context, payload)
+
+
 class _Files(FunctionCache):  # type: ignore[misc]
     _impl_class = _Impl
+
+
+class _PartFiles(FunctionCache):  # type: ignore[misc]
+    _impl_class = _PartImpl
 
 
 class _SourceKeyedCache(NullCache):  # type: ignore[misc]
     """A function's cache, which touches no file before something is compiled; nothing is kept where no folder is writable."""
 
-    def __init__(self, function: Any, extra_sources: tuple[Path, ...]) -> None:
-        self._function, self._extra_sources = function, extra_sources
+    def __init__(self, function: Any, extra_sources: tuple[Path, ...], files: type[FunctionCache]) -> None:
+        self._function, self._extra_sources, self._kind = function, extra_sources, files
 
     @cached_property
     def _files(self) -> Any:
         if _cache_root() is None:
             return NullCache()
         self._function.__cache_key__ = source_digest(self._extra_sources)
-        return _Files(self._function)
+        return self._kind(self._function)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         return self._files.load_overload(sig, target_context)

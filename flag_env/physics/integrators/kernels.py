@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flag_env.physics.jit import jit, kernel
+from flag_env.physics.jit import kernel
 
 
 @kernel
@@ -35,35 +35,35 @@ def _accumulate(a, b, factor, n):
         a[t] += factor * b[t]
 
 
-@jit
+@kernel
 def copy_rows(a, b):
     """Set a = b for as many rows as `b` has."""
     for d in range(b.shape[0]):
         _copy(a[d], b[d], b.shape[1])
 
 
-@jit
+@kernel
 def add(a, b, c):
     """Set a = b + c, where a is neither, for as many rows as `b` has."""
     for d in range(b.shape[0]):
         _add(a[d], b[d], c[d], b.shape[1])
 
 
-@jit
+@kernel
 def scale(a, factor):
     """Multiply a by the factor."""
     for d in range(a.shape[0]):
         _scale(a[d], factor, a.shape[1])
 
 
-@jit
+@kernel
 def add_multiple(a, b, c, factor):
     """Set a = b + factor c, where a is neither, for as many rows as `b` has."""
     for d in range(b.shape[0]):
         _add_multiple(a[d], b[d], c[d], factor, b.shape[1])
 
 
-@jit
+@kernel
 def accumulate(a, b, factor):
     """Add factor b to a, for as many rows as `a` has."""
     for d in range(a.shape[0]):
