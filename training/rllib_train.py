@@ -52,7 +52,7 @@ def config(arguments: Arguments) -> Any:
 
     return (
         PPOConfig()
-        .environment("flag_env:Flag-v0", env_config={"control": arguments.control, "level": arguments.level})
+        .environment("flag_env:Flag-v0", env_config={"control": arguments.control, "level": arguments.level, "threads": 1})
         .env_runners(
             num_env_runners=arguments.runners,
             num_envs_per_env_runner=arguments.envs_per_runner,

@@ -81,6 +81,7 @@ class Run:
         self.failed_particle = np.zeros(copies, np.int64)
         self._few_steps = math.inf if self._threads.count == 1 else _SERIAL / (copies * lattice.size)
         self._arguments: list[tuple[Any, ...]] = []
+        self._pull: Callable[..., None] | None = None
         self.entry: Callable[..., int] | None = None
 
     def change(self, scene: Scene) -> None:
@@ -102,7 +103,7 @@ class Run:
         if self.entry is None:
             self._compile()
         if steps > 0:
-            pull(self._dtype)(self.x, self.v, self._pinned, self.mast, steps * self.timestep)
+            self._pull(self.x, self.v, self._pinned, self.mast, steps * self.timestep)  # type: ignore[misc]
         copies = len(self.x)
         threads = 1 if steps < self._few_steps else self._threads.count
         if threads == 1:
@@ -133,13 +134,14 @@ class Run:
             for work in self._work
         ]  # fmt: skip
         last = (0, 1, 1, True, self._unread, self._unread)
+        self._pull = pull(self._dtype)
         self.entry = entry_point(compiled_run(self.method, self.effects), (*self._arguments[0], *last))
 
     def _setting(self, copies: int) -> Setting:
         return Setting(self.scene.lattice, self._dtype, copies, self.timestep, self._seed, {})
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "entry": None, "_arguments": []}
+        return {**self.__dict__, "entry": None, "_arguments": [], "_pull": None}
 
 
 def _start(scene: Scene, copies: int, seed: int) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numba
 import numpy as np
+from matplotlib.axes import Axes
 
 from flag_env.physics import Simulator
 from flag_env.physics.compose import _make_run
@@ -98,6 +99,24 @@ def roofline(quick: bool) -> dict[str, dict[str, Any]]:
     share = [ours / peak for ours, peak in zip(flag, machine, strict=True)]
     rows = {"machine, in cache": machine, "flag": flag, "share of the machine's": share}
     return {row: dict(zip(names, values, strict=True)) for row, values in rows.items()} | {"instructions": vectors(simulator)}
+
+
+def draw(axes: Axes, bound: dict[str, dict[str, Any]]) -> None:
+    """The flag below what memory, arithmetic, and roots with divisions allow, over arithmetic operations a byte."""
+    machine, flag = bound["machine, in cache"], bound["flag"]
+    here, links = flag["GFLOP/s"] / flag["GB/s"], flag["1e9 roots and divisions/s"] / flag["GFLOP/s"]
+    intensity = np.geomspace(0.03, 3.0, 100)
+    axes.loglog(intensity, intensity * machine["GB/s"], color="#4c78a8", label="loads and stores, in cache")
+    axes.axhline(machine["GFLOP/s"], color="#e0a030", label="additions and multiplications")
+    axes.axhline(
+        machine["1e9 roots and divisions/s"] / links, color="#9aa3ad", ls="--", label="roots and divisions, at the flag's share"
+    )
+    axes.plot(here, flag["GFLOP/s"], "o", color="#2e8b57", label="the 20 x 32 flag's step")
+    axes.set_ylim(2.0, 3.0 * machine["GFLOP/s"])
+    axes.set_xlabel("operations a byte moved to or from the first cache")
+    axes.set_ylabel("GFLOP/s, float32, one thread")
+    axes.legend(fontsize=7, frameon=False, loc="lower right")
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 def vectors(simulator: Simulator) -> dict[str, int]:

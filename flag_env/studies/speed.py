@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from flag_env.studies import report, speed_envs, speed_kernels, speed_starts
-from flag_env.studies.roofline import roofline
+from flag_env.studies.roofline import draw, roofline
 from flag_env.studies.speed_rows import Row
 
 PARTS: dict[str, Callable[[bool], list[Row]]] = {
@@ -35,17 +36,19 @@ def run(output: Path, quick: bool) -> None:
             bar.set_postfix_str(name)
             rows += part(quick)
     bound = roofline(quick)
-    report.write(output, "speed", [row.entry() for row in rows], _figure(rows), roofline=bound)
+    report.write(output, "speed", [row.entry() for row in rows], _figure(rows, bound), roofline=bound)
     print("\nwhat the kernel could do, and does (20 x 32, one thread):")
     print(f"floating-point instructions by register: {bound.pop('instructions')}")
     print(report.table([{"": name, **values} for name, values in bound.items()]))
 
 
-def _figure(rows: list[Row]) -> Figure:
-    """How many times better than its bar each figure is; a tick where the aim stands."""
+def _figure(rows: list[Row], bound: dict[str, dict[str, Any]]) -> Figure:
+    """How many times better than its bar each figure is, a tick where the aim stands; below, what bounds the kernel."""
     judged = [row for row in rows if row.bar]
-    figure = Figure(figsize=(8.5, 0.36 * len(judged) + 1.2), layout="constrained")
-    axes = figure.subplots()
+    height = 0.36 * len(judged) + 1.2
+    figure = Figure(figsize=(8.5, height + 3.4), layout="constrained")
+    axes, below = figure.subplots(2, 1, height_ratios=(height, 3.4))
+    draw(below, bound)
     places = range(len(judged), 0, -1)
     colors = {"aim": "#2e8b57", "bar": "#e0a030", "no": "#c8372d", "": "#9aa3ad"}
     axes.barh(places, [row.share(row.measured) for row in judged], color=[colors[row.reached] for row in judged], height=0.62)
