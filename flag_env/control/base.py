@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import Scene, Simulator
+from flag_env.physics.calibration import FRAME
 
-CONTROL_STEP = 0.04
-"""Duration of one action [s]."""
+CONTROL_STEP = FRAME
+"""Duration of one action, 0.04 s: a scene tuned to whole frames fits it."""
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ from flag_env.physics import Diverged, Scene, Simulator, presets, validate
 from flag_env.physics.effects import Wind
 from flag_env.physics.integrators import LFAB
 from flag_env.physics.stability import timestep_of
+from flag_env.physics.tuning import on_frames
 from flag_env.tasks.targets import SPLITS, Targets, load_targets
 
 Array = NDArray[np.float64]
@@ -77,7 +77,7 @@ class Settings:
 
 def fitted(scene: Scene) -> Scene:
     """The scene with its timestep lowered to a whole fraction of the control step."""
-    return scene.replace(timestep=CONTROL_STEP / max(1, math.ceil(CONTROL_STEP / timestep_of(scene) - 1e-9)))
+    return on_frames(scene, timestep_of(scene))
 
 
 def _preset(name: str) -> Scene:

@@ -97,7 +97,7 @@ def source_digest(extra: tuple[Path, ...] = ()) -> str:
 
 
 @lru_cache(maxsize=1)
-def _cache_root() -> Path | None:
+def cache_root() -> Path | None:
     """First writable place for compiled code: `NUMBA_CACHE_DIR`, the user's cache folder, the temporary folder."""
     places = []
     if os.environ.get("NUMBA_CACHE_DIR"):
@@ -126,7 +126,7 @@ class _Locator(_CacheLocator):  # type: ignore[misc]
         self._py_file = str(_PACKAGE)
 
     def get_cache_path(self) -> str:
-        return str((_cache_root() or Path(tempfile.gettempdir())) / self._key)
+        return str((cache_root() or Path(tempfile.gettempdir())) / self._key)
 
     def get_source_stamp(self) -> str:
         return self._key
@@ -165,7 +165,7 @@ class _SourceKeyedCache(NullCache):  # type: ignore[misc]
 
     @cached_property
     def _files(self) -> Any:
-        if _cache_root() is None:
+        if cache_root() is None:
             return NullCache()
         self._function.__cache_key__ = source_digest(self._extra_sources)
         return self._kind(self._function)

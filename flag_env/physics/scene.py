@@ -102,16 +102,18 @@ class Scene:
         viscosity = validate.number("viscosity", viscosity, minimum=0.0)
         return self.replace(effects=tuple(effect.scaled(stiffness, viscosity) for effect in self.effects))
 
-    def tuned(self, accuracy: str | float) -> Scene:
+    def tuned(self, accuracy: str | float, displaced: float = 0.0) -> Scene:
         """A new scene, as cheap as may be at an accuracy.
 
         Parameters
         ----------
         accuracy
             A number [m], > 0: integrator, timestep and dtype are the cheapest whose integration error stays below it over the
-            first second (RMS over the particles), found by a calibration of about a second that is remembered. It holds for
-            the scene's own motion from its start; a pose set by hand or a wilder mast may cost more. Or a recipe: "fast" (a
-            plain cloth on a lattice half as fine), "balanced" or "reference"; see `flag_env.physics.tuning`.
+            first second (RMS over the particles), found by a calibration of a second or a few that is kept on disk. Or a recipe:
+            "fast" (a plain cloth on a lattice half as fine), "balanced" or "reference"; see `flag_env.physics.tuning`.
+        displaced
+            RMS displacement of the particles, each by itself, in starts that a number is to cover too [m]; 0: the scene's own
+            start alone. Other poses set by hand, velocities and a wilder mast or wind may cost more. Recipes take no notice.
 
         Raises
         ------
@@ -121,7 +123,7 @@ class Scene:
         """
         from flag_env.physics import tuning  # it runs the scene, which a scene alone cannot
 
-        return tuning.tuned(self, accuracy)
+        return tuning.tuned(self, accuracy, displaced)
 
     def describe(self) -> Description:
         """Expected integration error, cost of a simulated second, step limit and what sets it; `print` it. Runs the scene."""

@@ -1,14 +1,14 @@
 """Accuracy as a dial: `Scene.tuned` and `Scene.describe`.
 
 A number in metres is a promise: a calibration (see `flag_env.physics.calibration`) finds the cheapest integrator, timestep and
-dtype whose error over one second stays below it. A name is a recipe, a point of the work-precision front of `presets.flag(10,
-16)`, applied without a measurement:
+dtype whose error over one second stays below it, from the scene's own start and, if asked, from displaced ones. A name is a
+recipe, a point of the work-precision front of `presets.flag(10, 16)`, applied without a measurement:
 
 | name | lattice | integrator, dtype | timestep | error of that flag, one second |
 |---|---|---|---|---|
 | "fast" | half the particles along and up | LFAB, float32 | 0.9 of the limit | 0.1 mm, beside what the coarser lattice costs |
 | "balanced" | as it is | LFAB, float32 | 0.9 of the limit | below 1 mm (0.03 mm) |
-| "reference" | as it is | RK4, float64 | half the limit | below 1 micrometre (0.05) |
+| "reference" | as it is | RK4, float64 | half the limit | below 1 micrometre (0.1) |
 
 "fast" halves a plain cloth only: one layer of at least 5 x 5 particles, pinned by a name, whose effects all belong to `WIDTH`.
 Size, areal density and stiffness per width are held, as in `presets.flag`; forces given per particle follow its mass. Any other
@@ -46,8 +46,9 @@ _TRIAL = 0.01
 """Time for which a scene is run to see how fast it is [s]."""
 
 
-def tuned(scene: Scene, accuracy: str | float) -> Scene:
+def tuned(scene: Scene, accuracy: str | float, displaced: float = 0.0) -> Scene:
     """See `Scene.tuned`."""
+    displaced = validate.number("displaced", displaced, minimum=0.0)
     if isinstance(accuracy, str):
         validate.choice("accuracy", accuracy, ACCURACIES)
         lattice_of = _halved(scene) if accuracy == "fast" else scene
@@ -57,12 +58,12 @@ def tuned(scene: Scene, accuracy: str | float) -> Scene:
             return on_frames(exact, REFERENCE_SHARE * limit if math.isfinite(limit) else timestep_of(exact))
         quick = lattice_of.replace(integrator=LFAB(), dtype="float32", timestep="auto")
         return on_frames(quick, timestep_of(quick))
-    found = calibrate(scene, validate.number("accuracy", accuracy, above=0.0))
+    found = calibrate(scene, validate.number("accuracy", accuracy, above=0.0), displaced)
     return scene.replace(integrator=found.integrator, timestep=found.timestep, dtype=found.dtype, allow_unstable=False)
 
 
 def on_frames(scene: Scene, timestep: float) -> Scene:
-    """The scene at this timestep [s], lowered to a whole fraction of 0.04 s."""
+    """The scene at this timestep [s], lowered to a whole fraction of 0.04 s, which is the environments' control step too."""
     return scene.replace(timestep=FRAME / max(1, math.ceil(FRAME / timestep - 1e-9)))
 
 
@@ -108,8 +109,8 @@ class Description:
     wall
         Time that one simulated second takes here, one copy, measured now [s].
     error
-        Expected integration error over one second [m]: RMS over the particles, worst of 25 frames, measured as in
-        `flag_env.physics.calibration`; infinite for a scene that diverges, None where it is not known.
+        Expected integration error over one second from the scene's own start [m]: RMS over the particles, worst of 25 frames,
+        measured as in `flag_env.physics.calibration`; infinite for a scene that diverges, None where it is not known.
     reason
         Why the error is not known; else empty.
     """
@@ -131,7 +132,11 @@ class Description:
         if 0 < self.limit < math.inf:
             share += f" of {1e3 * self.limit:.4g} ms"
         setter = f", set by {self.limited_by}" if self.limited_by else ""
-        error = f"{1e3 * self.error:.2g} mm RMS within one second" if self.error is not None else f"not known: {self.reason}"
+        error = (
+            f"{1e3 * self.error:.2g} mm RMS within one second from its own start"
+            if self.error is not None
+            else f"not known: {self.reason}"
+        )
         per = self.steps * self.particles
         return (
             f"integrator         {self.integrator}, {self.dtype}\n"

@@ -1,11 +1,12 @@
 """Accuracy as a dial: what is asked for holds against a solution written without the kernels; recipes, descriptions, errors."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from flag_env.physics import Scene, Simulator, effects, integrators, max_timestep, presets
+from flag_env.physics import Scene, Simulator, calibration, calibration_store, effects, integrators, max_timestep, presets
 from flag_env.physics.calibration import FRAMES, GUST
 from flag_env.studies import reference
 
@@ -30,9 +31,13 @@ def random_scene(number):
     return scene.adding(wind)
 
 
-def distance(scene, seed=0):
+def distance(scene, seed=0, displaced=0.0):
     """Worst RMS distance of the scene's path over one second from DOP853's solution [m]."""
     simulator = Simulator(scene, seed=seed)
+    if displaced:
+        move = np.random.default_rng(seed).normal(0, displaced / math.sqrt(3), (scene.lattice.size, 3))
+        move[scene.lattice.fixed] = 0.0
+        simulator.set_positions(simulator.positions[0] + move.reshape(simulator.positions[0].shape))
     exact = reference.solve(scene, TIMES, simulator.positions[0]).positions
     steps = round(1 / (FRAMES * scene.timestep))
     path = []
@@ -49,6 +54,72 @@ def test_the_accuracy_asked_for_holds(number):
     tuned = scene.tuned(tolerance)
     assert (tuned.lattice, tuned.effects) == (scene.lattice, scene.effects)
     assert distance(tuned, seed=number // 10) <= tolerance
+
+
+@pytest.mark.parametrize("number", range(20))
+def test_the_accuracy_asked_for_holds_from_displaced_starts(number):
+    """Every particle displaced by itself, 1 cm in the root mean square; other displacements than the calibration's."""
+    scene, tolerance = random_scene(number), (1e-3, 4e-4)[number % 2]
+    tuned = scene.tuned(tolerance, displaced=0.01)
+    assert distance(tuned, seed=100 + number, displaced=0.01) <= tolerance
+    assert distance(tuned) <= tolerance
+
+
+def test_displaced_starts_cost_what_they_need():
+    scene = random_scene(0)
+    own, covered = scene.tuned(4e-4), scene.tuned(4e-4, displaced=0.01)
+    assert distance(own, seed=100, displaced=0.01) > 4e-4 > distance(covered, seed=100, displaced=0.01)
+    with pytest.raises(ValueError, match=r"displaced must be finite and >= 0, got -1"):
+        scene.tuned(1e-3, displaced=-1)
+
+
+def test_a_calibration_is_remembered_and_a_spoilt_one_is_made_anew(monkeypatch, tmp_path):
+    monkeypatch.setattr(calibration_store, "cache_root", lambda: tmp_path)
+
+    def tuned(tolerance=1e-4, displaced=0.0):
+        calibration.calibrate.cache_clear()  # as in a new process
+        return random_scene(0).tuned(tolerance, displaced)
+
+    first = tuned()
+    (file,) = tmp_path.rglob("calibrations/*")
+    kept = file.read_text()
+    for spoilt in ("", kept[:-5], "[]", '{"integrator": "LFAB", "steps": 0, "dtype": "float32", "error": 0}', '{"steps": 3}'):
+        file.write_text(spoilt)
+        assert tuned() == first
+        assert file.read_text() == kept
+    tuned(2e-4)
+    tuned(1e-4, 1e-3)
+    assert len(list(tmp_path.rglob("calibrations/*"))) == 3
+    monkeypatch.setattr(calibration, "_search", None)
+    assert tuned() == first  # there is nothing to search with
+    assert tuned().timestep.hex() == first.timestep.hex()
+
+
+def test_a_calibration_is_kept_under_all_that_it_depends_on(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    calibration_store.cache_root.cache_clear()
+    scene = presets.flag(4, 5)
+
+    @dataclasses.dataclass(frozen=True)
+    class Foreign(effects.Effect):
+        pass
+
+    try:
+        names = [calibration_store.file_of(*asked) for asked in ((scene, 1e-4, 0.0), (scene, 1e-4, 1.0), (scene, 2e-4, 0.0))]
+        names.append(calibration_store.file_of(scene.scaled(stiffness=1 + 1e-15), 1e-4, 0.0))
+        monkeypatch.setattr(calibration_store, "source_digest", lambda: "other sources")
+        names.append(calibration_store.file_of(scene, 1e-4, 0.0))
+        assert len(set(names)) == 5
+        assert calibration_store.file_of(scene.adding(Foreign()), 1e-4, 0.0) is None
+        monkeypatch.setattr(calibration_store, "cache_root", lambda: None)
+        assert calibration_store.file_of(scene, 1e-4, 0.0) is None
+        assert calibration_store.load(None) is None
+        calibration_store.keep(None, {})
+        (tmp_path / "file").touch()
+        calibration_store.keep(tmp_path / "file" / "x.json", {})  # no folder there
+    finally:
+        monkeypatch.undo()
+        calibration_store.cache_root.cache_clear()
 
 
 def test_a_looser_accuracy_never_costs_more():
