@@ -18,6 +18,11 @@ from flag_env.studies import margins
 slow = pytest.mark.slow
 
 
+def long_form(name, short, long):
+    """A parameter with a value for every run and one for the long forms."""
+    return pytest.mark.parametrize(name, [short, pytest.param(long, marks=slow)])
+
+
 def strains(sim):
     return diagnostics.strain(sim.scene.lattice, sim.positions)
 
@@ -37,7 +42,8 @@ def forced(scene, acceleration, frequency=(3.0, 5.0, 7.0)):
 
 
 @pytest.mark.parametrize(("stiffness", "viscosity"), [(100.0, 1.0), (1e4, 1.0), (1.0, 1000.0), (100.0, 1000.0)])
-def test_extreme_links_take_an_automatic_step_and_stay_whole(stiffness, viscosity):
+@long_form("steps", 20_000, 500_000)
+def test_extreme_links_take_an_automatic_step_and_stay_whole(stiffness, viscosity, steps, record_property):
     flag = presets.flag(6, 7)
     scene = forced(flag.scaled(stiffness, viscosity), (5.0, 8.0, 3.0))
     sim = Simulator(scene)
@@ -48,8 +54,9 @@ def test_extreme_links_take_an_automatic_step_and_stay_whole(stiffness, viscosit
     else:  # where viscosity rules, with its inverse
         more = max_timestep(scene.scaled(1.0, 2.0))
         assert max_timestep(scene) / more == pytest.approx(2.0, rel=2e-2)
-    sim.step(20_000)
+    sim.step(steps)
     whole(sim, 1.0)
+    record_property("strain at the end", float(strains(sim).max()))
     above = Simulator(scene.replace(timestep=1.35 * max_timestep(scene), allow_unstable=True))
     above.set_velocities(np.where(scene.lattice.fixed.reshape(1, 6, 7, 1), 0.0, above.positions[0] * 0.0 + 0.1))
     try:
@@ -61,29 +68,34 @@ def test_extreme_links_take_an_automatic_step_and_stay_whole(stiffness, viscosit
 
 
 @pytest.mark.parametrize("taper", [0.01, 0.001])
-def test_a_tip_of_little_mass(taper):
+@long_form("seconds", 10.0, 100.0)
+def test_a_tip_of_little_mass(taper, seconds, record_property):
     scene = forced(presets.flag(6, 7, taper=taper), (5.0, 8.0, 3.0))
     sim = Simulator(scene)
-    sim.advance(10.0)
+    sim.advance(seconds)
     whole(sim, 1.0)
+    record_property("strain at the end", float(strains(sim).max()))
     assert np.abs(sim.positions[0, 0, :, -1] - scene.lattice.rest_positions[0, :, -1]).max() > 0.1  # the tip moves
 
 
 # -- wind --------------------------------------------------------------------------------------------------------------------
 
 
-def test_wind_of_fifty_weights():
+@long_form("seconds", 10.0, 100.0)
+def test_wind_of_fifty_weights(seconds, record_property):
     sim = Simulator(forced(presets.flag(6, 7), 50 * 9.81 * np.array([0.5, 0.7, 0.5])))
     largest = 0.0
-    for _ in range(100):
+    for _ in range(round(10 * seconds)):
         sim.advance(0.1)
         largest = max(largest, strains(sim).max())
     whole(sim, 20.0)
+    record_property("largest strain", float(largest))
     assert 0.1 < largest < 20.0
 
 
 @pytest.mark.parametrize("method", [Leapfrog(), LFAB(), Strang()], ids=repr)
-def test_resonance_has_the_amplitude_of_the_linear_theory(method):
+@long_form("steps", 50, 500)
+def test_resonance_has_the_amplitude_of_the_linear_theory(method, steps, record_property):
     """One particle on a spring, driven along it at its own frequency w: amplitude F / (c w)."""
     mass, k, rate, push = 0.02, 40.0, 0.6, 1e-3
     w = math.sqrt(k / mass)
@@ -95,9 +107,10 @@ def test_resonance_has_the_amplitude_of_the_linear_theory(method):
         integrator=method,
         perturbation=0.0,
     )
-    sim = Simulator(scene.replace(timestep=0.02 / w))
+    sim = Simulator(scene.replace(timestep=1.0 / steps / w))
     sim.advance(12 / rate)
-    reach = [sim.positions[0, 0, 0, 1, 0] - 0.5 for _ in range(700) if sim.step(1) is None]
+    reach = [sim.positions[0, 0, 0, 1, 0] - 0.5 for _ in range(14 * steps) if sim.step(1) is None]
+    record_property("amplitude / (F / (c w))", float(max(reach) / (push / (rate * mass * w))))
     assert max(reach) == pytest.approx(push / (rate * mass * w), rel=0.05)
 
 
@@ -127,36 +140,42 @@ POSES = {
 
 
 @pytest.mark.parametrize("pose", POSES)
-def test_a_flag_recovers_from(pose):
+@long_form("seconds", 20.0, 100.0)
+def test_a_flag_recovers_from(pose, seconds, record_property):
     scene = calm(1)
     undisturbed, sim = Simulator(scene), Simulator(scene)
-    undisturbed.advance(20.0)
+    undisturbed.advance(seconds)
     x = POSES[pose](scene.lattice.rest_positions)
     x[:, :, 1:, 1] += 1e-3 * np.random.default_rng(0).standard_normal(x[:, :, 1:, 1].shape)  # what is plane stays plane
     sim.set_positions(x)
-    assert settle(sim, undisturbed.positions) < 0.1
+    apart = settle(sim, undisturbed.positions, seconds)
+    record_property("RMS distance to one never disturbed / diagonal", float(apart))
+    assert apart < 0.1
 
 
 @pytest.mark.parametrize("pose", ["squeezed", "swapped"])
-def test_two_layers_recover_from_being(pose):
+@long_form("seconds", 20.0, 100.0)
+def test_two_layers_recover_from_being(pose, seconds, record_property):
     scene = calm(2)
     sim = Simulator(scene)
     x = scene.lattice.rest_positions.copy()
     x[:, :, 1:, 1] = 1e-7 * x[:, :, 1:, 1] if pose == "squeezed" else x[::-1, :, 1:, 1]
     sim.set_positions(x)
-    sim.advance(20.0)
+    sim.advance(seconds)
     whole(sim, 0.5)
     gap = np.linalg.norm(sim.positions[0, 1] - sim.positions[0, 0], axis=-1)
     across = scene.lattice.steps[2]
+    record_property("distance of the layers / thickness", [float(gap[:, 1:].min() / across), float(gap[:, 1:].max() / across)])
     assert gap[:, 1:].min() > 0.3 * across  # apart again, whichever side they are on
     assert gap[:, 1:].max() < 1.7 * across
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_links_of_no_length(dtype):
+@long_form("seconds", 2.0, 100.0)
+def test_links_of_no_length(dtype, seconds):
     scene = presets.flag(5, 6, dtype=dtype)
     sim = Simulator(scene.replace(lattice=Lattice(1, 5, 6, 1e-30, 0.01, 0.1), perturbation=0.0))
-    sim.advance(2.0)
+    sim.advance(seconds)
     assert np.isfinite(sim.positions).all()
     assert np.isfinite(sim.velocities).all()
 
@@ -165,30 +184,38 @@ def test_links_of_no_length(dtype):
 
 
 @pytest.mark.parametrize("method", [Leapfrog(), LFAB()], ids=repr)
-def test_a_mast_teleported_by_ten_flags_gets_its_flag_back(method):
+@long_form("seconds", 25.0, 100.0)
+def test_a_mast_teleported_by_ten_flags_gets_its_flag_back(method, seconds, record_property):
     scene = calm(1).replace(integrator=method)
     undisturbed, sim = Simulator(scene), Simulator(scene)
-    undisturbed.advance(25.0)
+    undisturbed.advance(seconds)
     far = np.array([0.0, 15.0, 0.0])
     sim.set_mast(far)
     sim.advance(0.04)
     assert strains(sim).max() > 1.0
     assert np.isfinite(sim.velocities).all()
-    assert settle(sim, undisturbed.positions + far, 25.0) < 0.1
+    record_property("strain after the jump", float(strains(sim).max()))
+    apart = settle(sim, undisturbed.positions + far, seconds)
+    record_property("RMS distance to one never disturbed / diagonal", float(apart))
+    assert apart < 0.1
 
 
-def test_a_mast_shaken_at_twenty_hertz():
+@long_form("seconds", 5.0, 100.0)
+def test_a_mast_shaken_at_twenty_hertz(seconds, record_property):
     scene = calm(1)
     undisturbed, sim = Simulator(scene), Simulator(scene)
     undisturbed.advance(25.0)
     largest = 0.0
-    for n in range(1, 401):  # 5 s, 4 places a period
+    for n in range(1, round(80 * seconds) + 1):  # 4 places a period
         sim.set_mast((0.05 * math.sin(math.pi / 2 * n), 0.05 * math.cos(math.pi / 2 * n), 0.0))
         sim.advance(0.0125)
         largest = max(largest, strains(sim).max())
     assert 0.0 < largest < 5.0
     sim.set_mast()
-    assert settle(sim, undisturbed.positions, 25.0) < 0.1
+    apart = settle(sim, undisturbed.positions, 25.0)
+    record_property("largest strain", float(largest))
+    record_property("RMS distance to one never disturbed / diagonal", float(apart))
+    assert apart < 0.1
 
 
 # -- long runs ---------------------------------------------------------------------------------------------------------------
