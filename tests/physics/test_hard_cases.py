@@ -114,6 +114,40 @@ def test_resonance_has_the_amplitude_of_the_linear_theory(method, steps, record_
     assert max(reach) == pytest.approx(push / (rate * mass * w), rel=0.05)
 
 
+def plane_stiffness(scene):
+    """Stiffness of the flag at rest against small motions of its free particles along x and z: sum of k n n' over the links."""
+    lattice = scene.lattice
+    rest = lattice.rest_positions.reshape(-1, 3)[:, [0, 2]]
+    K = np.zeros((lattice.size, 2, lattice.size, 2))
+    for effect in scene.effects:
+        for family in effect.families(lattice) if isinstance(effect, LinkEffect) else ():
+            for i in np.flatnonzero(family.present):
+                j = i + family.offset
+                n = (rest[j] - rest[i]) / np.linalg.norm(rest[j] - rest[i])
+                for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+                    K[a, :, b, :] += sign * effect.stiffness * np.outer(n, n)
+    free = ~lattice.fixed
+    return K[free][:, :, free].reshape(2 * free.sum(), -1)
+
+
+def test_wind_at_the_first_natural_frequency_of_a_flag(record_property):
+    """Small swaying in its plane: the first mode's amplitude is that of the linear theory, F / (c w) in its own coordinate."""
+    flag = presets.flag(4, 6, taper=1.0, perturbation=0.0, integrator=LFAB())
+    still = Gravity(0.0), Structural(300.0, 0.0), Shear(75.0, 0.0), Bending(6.0, 0.0)
+    mass, force = flag.lattice.mass, 1e-7
+    squares, modes = np.linalg.eigh(plane_stiffness(flag.replace(effects=still)) / mass)
+    w, mode = math.sqrt(squares[0]), modes[:, 0].reshape(-1, 2)
+    rate = w / 50
+    expected = abs(force * mode[:, 1].sum() * mode[-1, 1]) / (mass * rate * w)
+    wind = CosineWind((0.0, 0.0, force), (0.0, 0.0, w))
+    sim = Simulator(flag.replace(effects=(*still, AirDrag(rate), wind), timestep=0.02 / w))
+    sim.advance(12 / rate)
+    height = flag.lattice.rest_positions[0, -1, -1, 2]
+    reach = max(sim.positions[0, 0, -1, -1, 2] - height for _ in range(350) if sim.step(1) is None)
+    record_property("amplitude / (F / (c w))", float(reach / expected))
+    assert reach == pytest.approx(expected, rel=0.05)
+
+
 # -- poses -------------------------------------------------------------------------------------------------------------------
 
 
