@@ -10,6 +10,7 @@ Finished parts are kept beside the results; a run that was stopped goes on after
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -26,6 +27,9 @@ from flag_env.studies.parts import Parts
 
 STANDARD = "LFAB, half its limit"
 """The run whose averages the others are held against."""
+
+LATEST = 90.0
+"""Time by which the averages begin even where the horizon is further off [s]."""
 
 QUICK_SINGLE = ("LFAB", "RK4")
 """Methods that a quick run measures in float32 too."""
@@ -114,14 +118,15 @@ def _runs(scene: Scene) -> dict[str, Scene]:
 
 def _averages(parts: Parts, chosen: dict[str, Scene], growths: dict[str, Any], quick: bool, bar: Any) -> list[dict[str, Any]]:
     """Rows of the comparison past the horizon, for scenes that have one; elsewhere paths can be compared for ever."""
-    settle, seconds = (1.0, 2.0) if quick else (4.0, 12.0)
     rows: list[dict[str, Any]] = []
     for name, scene in chosen.items():
         if growths[name]["horizon"] is None:
             continue
+        settle, seconds = (1.0, 2.0) if quick else (math.ceil(min(growths[name]["horizon"], LATEST)), 12.0)
         runs = _runs(scene)
         names = list(runs)[:2] if quick else list(runs)
         jobs = {f"averages of {name}, {run}": partial(horizon.watch, runs[run], settle, seconds) for run in names}
         found = dict(zip(names, _all(parts, bar, jobs).values(), strict=True))
-        rows += [{"scene": name, **row} for row in horizon.compare(found, STANDARD)]
+        window = {"from [s]": settle, "to [s]": settle + seconds}
+        rows += [{"scene": name, **window, **row} for row in horizon.compare(found, STANDARD)]
     return rows

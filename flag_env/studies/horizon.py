@@ -3,10 +3,11 @@
 Growth: two copies start 1e-9 m apart; the slope of the logarithm of their RMS distance is the rate at which an error grows. An
 error of integration is worth comparing path by path up to the horizon, t = ln(1 mm / 1e-9 m) / rate.
 
-Past it a flag is compared by what it does on average: 32 copies, each of its own start, are watched for some seconds after the
-start has been forgotten, and each gives its time-mean pose, the variance of its tip's height, the centroid of the spectrum of its
-tip's motion across the wind, and quantiles of its strain. Means over the copies come with 95 % intervals of the bootstrap over
-copies (`scipy.stats.bootstrap`, percentile method), which need not assume that the frames of one copy are independent.
+Past it a flag is compared by what it does on average: 32 copies, each of its own start, are watched for some seconds from the
+horizon on (a quick run does not wait for it), and each gives its time-mean pose, the variance of its tip's height, the centroid
+of the spectrum of its tip's motion across the wind, and quantiles of its strain. Means over the copies come with 95 % intervals
+of the bootstrap over copies (`scipy.stats.bootstrap`, percentile method), which need not assume that the frames of one copy are
+independent.
 """
 
 from __future__ import annotations

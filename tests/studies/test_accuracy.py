@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flag_env.physics import Lattice, Scene, max_timestep, presets
-from flag_env.physics.effects import AirDrag, CosineWind, Gravity, Structural
+from flag_env.physics.effects import AirDrag, Bending, CosineWind, Gravity, Structural
 from flag_env.physics.integrators import LFAB, RK4, Implicit, Leapfrog, Strang
 from flag_env.studies import accuracy, energy_budget, horizon, refinement, work_precision
 from flag_env.studies.accuracy_scenes import METHODS, stepped
@@ -76,6 +76,37 @@ def test_the_refined_flag_is_the_same_flag():
         assert scene.lattice.masses.sum() == pytest.approx(0.15 * 1.5, rel=1e-12)
         force = np.array(next(e for e in scene.effects if isinstance(e, CosineWind)).mean) * scene.lattice.size
         np.testing.assert_allclose(force, 0.15 * 1.5 * np.array(refinement.WIND.mean), rtol=1e-12)
+
+
+@pytest.mark.parametrize("axis", ["along", "up"])
+def test_refined_cloth_resists_bending_and_stretching_alike(axis):
+    """Rolled up to a radius of 1 m without a change of its links' lengths, and stretched by 1 %, beside closed forms per area."""
+    per_area = []
+    for size in ((10, 16), (20, 32), (40, 64)):
+        flag = refinement.held(presets.flag(*size, taper=1.0))
+        links = {type(effect): effect for effect in flag.effects}
+        lattice = flag.lattice
+        a, b = lattice.steps[:2] if axis == "along" else lattice.steps[1::-1]
+        rest = lattice.rest_positions
+        index = 0 if axis == "along" else 2
+        number = np.rint((rest[..., index] - rest[..., index].min()) / a)
+        angle = 2 * np.arcsin(a / 2)  # of a link on the circle
+        rolled = rest.copy()
+        rolled[..., index], rolled[..., 1] = np.sin(number * angle), 1 - np.cos(number * angle)
+        count = rest.shape[2] if axis == "along" else rest.shape[1]
+        area = (count - 2) * a * (lattice.size // count) * b  # a bending link to each
+        assert links[Structural].energy(lattice, rolled.reshape(1, -1, 3)) == pytest.approx(0.0, abs=1e-20)
+        bent = float(links[Bending].energy(lattice, rolled.reshape(1, -1, 3))[0]) / area
+        assert bent == pytest.approx(links[Bending].stiffness * a**5 / (32 * b), rel=0.01)
+        stretched = rest.copy()
+        stretched[..., index] *= 1.01
+        pull = links[Structural].energy(lattice, stretched.reshape(1, -1, 3)) / ((count - 1) * a * (lattice.size // count) * b)
+        pull += links[Bending].energy(lattice, stretched.reshape(1, -1, 3)) / area
+        per_area.append((bent, float(pull[0]) * b / a))
+    bent, stretch = np.array(per_area).T
+    assert bent == pytest.approx(bent[-1], rel=0.25)  # the spacings up and along do not fall in quite the same ratio
+    assert stretch == pytest.approx(stretch[-1], rel=1e-9)
+    assert stretch[-1] == pytest.approx(0.5 * (300 + 4 * 6) * 0.01**2, rel=1e-9)
 
 
 def test_an_error_grows_at_the_rate_of_the_unstable_mode():
