@@ -29,17 +29,26 @@ def boolean(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def number(name: str, value: Any, *, minimum: float = -math.inf, above: float = -math.inf, maximum: float = math.inf) -> float:
-    """Return `value` as a float; raise unless it is finite, >= `minimum`, > `above` and <= `maximum`."""
+def number(
+    name: str,
+    value: Any,
+    *,
+    minimum: float = -math.inf,
+    above: float = -math.inf,
+    maximum: float = math.inf,
+    infinite: bool = False,
+) -> float:
+    """Return `value` as a float; raise unless it is finite (or `infinite`), >= `minimum`, > `above` and <= `maximum`."""
     try:
         if isinstance(value, (bool, str)) or np.ndim(value) != 0:
             raise TypeError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
         raise TypeError(f"{name} must be a number, got {value!r}") from None
-    if not math.isfinite(result) or result < minimum or result <= above or result > maximum:
+    bad = math.isnan(result) if infinite else not math.isfinite(result)
+    if bad or result < minimum or result <= above or result > maximum:
         bounds = [f"{sign} {bound:g}" for sign, bound in ((">=", minimum), (">", above), ("<=", maximum)) if math.isfinite(bound)]
-        raise ValueError(f"{name} must be finite{''.join(' and ' + bound for bound in bounds)}, got {value!r}")
+        raise ValueError(f"{name} must be {' and '.join([*([] if infinite else ['finite']), *bounds])}, got {value!r}")
     return result
 
 

@@ -1,12 +1,17 @@
-"""Checks every effect against its uncompiled code, its energy, the symmetries it must have and the bounds it declares."""
+"""The contract of effects: every promise is tried on every effect that it applies to, whether force or correction.
+
+A force acts in `force`, a correction (collision, strain limit, tearing) in `project`; the battery runs both of each.
+"""
 
 import dataclasses
+import math
 import pickle
 
 import numpy as np
 import pytest
 
 from flag_env.physics import Lattice, Scene, Simulator, compose
+from flag_env.physics.bound import bind
 from flag_env.physics.effects import (
     AirDrag,
     AirPressure,
@@ -16,8 +21,12 @@ from flag_env.physics.effects import (
     Gravity,
     Gusts,
     LinkEffect,
+    MastCollision,
+    SelfCollision,
     Shear,
+    StrainLimit,
     Structural,
+    Tearing,
 )
 from flag_env.physics.effects.base import Setting
 from flag_env.physics.jit import jit
@@ -33,124 +42,182 @@ EFFECTS = [  # a new effect joins with one line
     Gusts(1.0, 2.0, 5.0, (3.0, 1.0, -0.5), 2.0),
     AirPressure(normal=1.2, lift=0.4, friction=0.1, max_speed=60.0),
     AirPressure(gusts=Gusts(0.0), max_speed=60.0),
+    SelfCollision(),
+    MastCollision(0.09),
+    StrainLimit(),
+    Tearing(0.2),
 ]
+NOTHING = dict.fromkeys(("stiffness", "viscosity", "acceleration", "rate", "amplitude", "mean", "density"), 0.0)
+NOTHING |= {"thickness": 0.0, "radius": 0.0, "stretch": math.inf, "strain": math.inf}
+"""Values of parameters at which an effect does nothing, by name."""
+
+INTERNAL = (LinkEffect, SelfCollision, StrainLimit, Tearing)
+"""Effects of particles upon each other: no force and no change of momentum in sum."""
+
 LATTICE = Lattice(2, 3, 4, (0.1, 0.12, 0.15), 0.02, 0.3, "none")
+H = 1e-3
 LAG = 0.25
-STRENGTHS = {"stiffness", "viscosity", "acceleration", "rate", "amplitude", "mean", "density"}
+LINKS = Structural(50.0, 0.1)
+"""What `Tearing` tears, and moves the scenes of corrections."""
 
 every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: f"{effect!r}".replace(" ", ""))
+both_dtypes = pytest.mark.parametrize("dtype", ["float64", "float32"])
+
+
+def lattice_of(effect, lattice=LATTICE):
+    """The lattice, clamped if the effect asks for a mast."""
+    try:
+        effect.check(lattice)
+    except ValueError:
+        return dataclasses.replace(lattice, pinned="edge")
+    return lattice
+
+
+def company(effect):
+    """Effects that act on others come with some."""
+    return (LINKS, effect) if effect.binds_last else (effect,)
+
+
+def bound_to(effect, dtype="float64", lattice=None):
+    """The effect and its company as bound to two copies; inverse masses."""
+    lattice = lattice_of(effect) if lattice is None else lattice
+    setting = Setting(lattice, np.dtype(dtype), copies=2, timestep=H, seed=0, bound={})
+    return bind(company(effect), setting), np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(dtype)
 
 
 @jit
-def compiled_forces(effects, copy, x, v, f, scratch, lag):
+def compiled(effects, copy, x, v, f, scratch, inverse_mass, seconds, lag):
+    compose.project(effects, copy, x, v, scratch, inverse_mass, seconds)
     compose.forces(effects, copy, x, v, f, scratch, lag)
 
 
-def bind(effect, dtype, lattice=LATTICE):
-    return effect.bind(Setting(lattice, np.dtype(dtype), copies=2, timestep=1e-3, seed=0, bound={}))
+def act(effect, x, v, dtype="float64", lattice=None):
+    """Positions and velocities after the corrections, and the forces there, each (particles, 3)."""
+    bound, inverse_mass = bound_to(effect, dtype, lattice)
+    f, scratch = np.full((2, 3, len(inverse_mass)), np.nan, dtype)
+    x, v = (np.array(np.reshape(a, (-1, 3)).T, dtype, order="C") for a in (x, v))
+    compiled(bound, 1, x, v, f, scratch, inverse_mass, H, LAG)
+    assert x.dtype == v.dtype == f.dtype == dtype
+    return x.T.copy(), v.T.copy(), f.T.copy()
 
 
-def forces(effect, x, v, function=compiled_forces, dtype="float64", lattice=LATTICE):
+def forces(effect, x, v):
     """Force on every particle [N], shape (particles, 3)."""
-    bound = bind(effect, dtype, lattice)
-    f, scratch = np.full((2, 3, lattice.size), np.nan, dtype)
-    x, v = (np.ascontiguousarray(np.reshape(a, (-1, 3)).T, dtype) for a in (x, v))
-    function((bound,), 1, x, v, f, scratch, LAG)
-    assert f.dtype == dtype
-    return f.T.copy()
+    return act(effect, x, v)[2]
 
 
-def pose(seed=0, stretch=1.1):
+def pose(seed=0, stretch=0.9):
+    """Crumpled: links too long, particles too near to each other and to the mast, all in motion."""
     random = np.random.default_rng(seed)
     x = stretch * LATTICE.rest_positions.reshape(-1, 3) + 0.03 * random.standard_normal((LATTICE.size, 3))
     return x, random.standard_normal((LATTICE.size, 3))
 
 
 def without_strength(effect):
-    names = {field.name for field in dataclasses.fields(effect)} & STRENGTHS
+    names = {field.name for field in dataclasses.fields(effect)} & set(NOTHING)
     assert names
-    return dataclasses.replace(effect, **{name: 0.0 * np.array(getattr(effect, name)) for name in names})
+    none = {name: np.full_like(getattr(effect, name), NOTHING[name], float) for name in names}
+    return dataclasses.replace(effect, **{name: value if value.ndim else float(value) for name, value in none.items()})
 
 
 @pytest.fixture(scope="module")
 def uncompiled(run_python, tmp_path_factory):
-    """Forces from the same sources run as plain Python, by (effect number, dtype)."""
+    """What the same sources do when run as plain Python, by (effect number, dtype)."""
     folder = tmp_path_factory.mktemp("uncompiled")
     with (folder / "cases").open("wb") as file:
-        pickle.dump([(bind(effect, d), d, *pose()) for effect in EFFECTS for d in ("float64", "float32")], file)
+        pickle.dump([(*bound_to(effect, d), d, *pose()) for effect in EFFECTS for d in ("float64", "float32")], file)
     script = f"""
 import pickle, numpy as np, numba
 from flag_env.physics import compose
 assert numba.config.DISABLE_JIT
 result = []
-for bound, dtype, x, v in pickle.load(open({str(folder / "cases")!r}, "rb")):
+for bound, inverse_mass, dtype, x, v in pickle.load(open({str(folder / "cases")!r}, "rb")):
     f, scratch = np.full((2, 3, len(x)), np.nan, dtype)
-    x, v = (np.ascontiguousarray(a.T, dtype) for a in (x, v))
+    x, v = (np.array(a.T, dtype, order="C") for a in (x, v))
     with np.errstate(all="ignore"):
-        compose.forces((bound,), 1, x, v, f, scratch, {LAG})
-    result.append(f.T.copy())
-pickle.dump(result, open({str(folder / "forces")!r}, "wb"))
+        compose.project(bound, 1, x, v, scratch, inverse_mass, {H})
+        compose.forces(bound, 1, x, v, f, scratch, {LAG})
+    result.append((x.T.copy(), v.T.copy(), f.T.copy()))
+pickle.dump(result, open({str(folder / "results")!r}, "wb"))
 """
     run_python(script, NUMBA_DISABLE_JIT="1")
-    with (folder / "forces").open("rb") as file:
+    with (folder / "results").open("rb") as file:
         found = iter(pickle.load(file))
     return {(number, d): next(found) for number in range(len(EFFECTS)) for d in ("float64", "float32")}
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@both_dtypes
 @every_effect
 def test_compiled_code_computes_what_its_source_says(effect, dtype, uncompiled):
-    expected = uncompiled[EFFECTS.index(effect), dtype]
-    assert expected.dtype == dtype
-    found = forces(effect, *pose(), dtype=dtype)
-    assert np.abs(expected).max() > 0
-    np.testing.assert_allclose(found, expected, rtol=0, atol=4 * np.finfo(dtype).eps * np.abs(expected).max())
+    for found, expected in zip(act(effect, *pose(), dtype), uncompiled[EFFECTS.index(effect), dtype], strict=True):
+        assert expected.dtype == dtype
+        np.testing.assert_allclose(found, expected, rtol=0, atol=4 * np.finfo(dtype).eps * np.abs(expected).max())
+
+
+@every_effect
+def test_it_acts_in_the_pose_that_the_battery_tries(effect):
+    nothing = act(without_strength(effect), *pose())
+    assert max(np.abs(a - b).max() for a, b in zip(act(effect, *pose()), nothing, strict=True)) > 1e-3
 
 
 @every_effect
 def test_single_precision_agrees_with_double(effect):
-    double, single = (forces(effect, *pose(), dtype=dtype) for dtype in ("float64", "float32"))
-    np.testing.assert_allclose(single, double, rtol=0, atol=1e-5 * np.abs(double).max())
-    bound = bind(effect, "float32")
+    for double, single in zip(*(act(effect, *pose(), dtype) for dtype in ("float64", "float32")), strict=True):
+        np.testing.assert_allclose(single, double, rtol=0, atol=1e-5 * np.abs(double).max())
+    bound = bound_to(effect, "float32")[0][-1]
     kept = bound.state() if hasattr(bound, "state") else ()
     for name, value in bound._asdict().items():
-        if np.issubdtype(np.asarray(value).dtype, np.floating) and name not in kept:
-            assert np.asarray(value).dtype == np.float32, name
+        entries = value if isinstance(value, tuple) else (value,)
+        for dtype in (np.asarray(entry).dtype for entry in entries):
+            if np.issubdtype(dtype, np.floating) and name not in kept:
+                assert dtype == np.float32, name
 
 
 @every_effect
 def test_no_strength_no_effect(effect):
+    """Neither at once nor on the way of a scene in motion."""
     nothing = without_strength(effect)
-    assert not forces(nothing, *pose()).any()
-    x, v = (a.reshape(*LATTICE.shape, 3) for a in pose())
+    x, v = pose()
+    others = company(effect)[:-1]
+    alone = act(others[0], x, v) if others else (x, v, np.zeros_like(x))
+    for found, expected in zip(act(nothing, x, v), alone, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    lattice = lattice_of(effect)
+    moving = () if isinstance(effect, Structural) else (LINKS,)
     ends = []
-    for effects in ((), (nothing,)):
-        sim = Simulator(Scene(LATTICE, effects, timestep=1e-3))
-        sim.set_positions(x)
-        sim.set_velocities(v)
+    for effects in (moving, (*moving, nothing), (*moving, effect)):
+        sim = Simulator(Scene(lattice, effects, timestep=H))
+        sim.set_positions(x.reshape(*lattice.shape, 3))
+        sim.set_velocities(v.reshape(*lattice.shape, 3))
         sim.step(200)
         ends.append(sim.positions)
-    np.testing.assert_allclose(*ends, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-12)
+    assert np.abs(ends[2] - ends[0]).max() > 1e-3
 
 
 @every_effect
 def test_internal_forces_sum_to_nothing(effect):
     x, v = pose()
-    f = forces(effect, x, v)
+    after, speed, f = act(effect, x, v)
+    impulse = (speed - v) * LATTICE.masses[:, None]
+    shift = (after - x) * LATTICE.masses[:, None]
+    size = [np.abs(each).sum() for each in (f, impulse, shift)]
+    total = [np.abs(each.sum(axis=0)).max() for each in (f, impulse, shift)]
+    if not isinstance(effect, INTERNAL):
+        assert any(t > 1e-3 * s for t, s in zip(total, size, strict=True))
+        return
+    assert all(t <= 1e-14 * s for t, s in zip(total, size, strict=True))
     if isinstance(effect, LinkEffect):
-        np.testing.assert_allclose(f.sum(axis=0), 0, atol=1e-14 * np.abs(f).sum())
         torque = np.cross(x, f)
         brakes = effect.damping == "isotropic" and effect.viscosity > 0
         assert (np.abs(torque.sum(axis=0)).max() < 1e-14 * np.abs(torque).sum()) != brakes
-    else:
-        assert np.abs(f.sum(axis=0)).max() > 1e-3 * np.abs(f).sum()
 
 
 @every_effect
 def test_force_is_minus_the_slope_of_the_energy(effect):
     x, v = pose()
-    if effect.energy(LATTICE, x[None]) is None:
-        assert isinstance(effect, (AirDrag, AirPressure, CosineWind, Gusts))  # not conservative
+    if effect.energy(LATTICE, x[None]) is None:  # not conservative
+        assert isinstance(effect, (AirDrag, AirPressure, CosineWind, Gusts, SelfCollision, MastCollision, StrainLimit, Tearing))
         return
     h, slope = 1e-6, np.empty_like(x)
     for index in np.ndindex(x.shape):
@@ -164,7 +231,7 @@ def test_force_is_minus_the_slope_of_the_energy(effect):
 
 @every_effect
 def test_declared_bounds_hold_in_every_pose(effect):
-    """-dF/dx <= stiffness, -dF/dv <= damping as matrices: what the step limit rests on."""
+    """-dF/dx <= stiffness, -dF/dv <= damping as matrices: what the step limit rests on. Corrections ask for nothing."""
     n = LATTICE.size
     stiffness, damping = np.zeros((2, n, n))
     for term in effect.link_terms(LATTICE):
@@ -175,6 +242,10 @@ def test_declared_bounds_hold_in_every_pose(effect):
             damping += term.viscosity[t] * np.outer(pair, pair)
     drag = effect.drag(LATTICE)
     damping += np.diag(np.zeros(n) if drag is None else drag)
+    if not hasattr(bound_to(effect)[0][-1], "force"):
+        assert not stiffness.any()
+        assert not damping.any()
+        return
     for seed, stretch in ((0, 1.1), (1, 0.4), (2, 3.0), (3, 0.0)):
         x, v = pose(seed, stretch)
         for bound, moved, h in ((stiffness, 0, 1e-6), (damping, 1, 1e-3)):
@@ -188,21 +259,22 @@ def test_declared_bounds_hold_in_every_pose(effect):
             assert np.linalg.eigvalsh(spare).min() > -1e-5 * max(1.0, np.abs(slope).max())
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@both_dtypes
 @every_effect
-def test_forces_are_finite_where_particles_meet(effect, dtype):
+def test_all_is_finite_where_particles_meet(effect, dtype):
     v = pose()[1]
     for scale in (0.0, 1e-25, 1e-18, 1e-10):
-        assert np.isfinite(forces(effect, scale * pose()[0], v, dtype=dtype)).all()
-    short = dataclasses.replace(LATTICE, spacing=1e-30)
-    assert np.isfinite(forces(effect, short.rest_positions, v, dtype=dtype, lattice=short)).all()
+        assert np.isfinite(act(effect, scale * pose()[0], v, dtype)).all()
+    short = dataclasses.replace(lattice_of(effect), spacing=1e-30)
+    assert np.isfinite(act(effect, short.rest_positions, v, dtype, short)).all()
 
 
 @every_effect
 def test_copies_are_independent(effect):
-    scene = Scene(LATTICE, (effect,))
+    lattice = lattice_of(effect)
+    scene = Scene(lattice, company(effect), timestep=H)
     sims = Simulator(scene, copies=2), Simulator(scene)
-    x, v = (a.reshape(*LATTICE.shape, 3) for a in pose())
+    x, v = (a.reshape(*lattice.shape, 3) for a in pose())
     sims[0].set_positions(np.stack([x, 1.5 * x]))
     sims[0].set_velocities(np.stack([v, -v]))
     sims[1].set_positions(x)

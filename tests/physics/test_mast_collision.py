@@ -168,7 +168,7 @@ def test_states_copies_and_threads_agree_to_the_bit(dtype):
 
 def test_the_step_limit_stays_and_what_makes_no_sense_is_refused():
     assert max_timestep(FLAG.adding(MastCollision())) == max_timestep(FLAG)
-    for wrong in ({"radius": 0.0}, {"below": -1.0}, {"friction": -1.0}, {"restitution": 2.0}):
+    for wrong in ({"radius": -0.1}, {"radius": np.inf}, {"below": -1.0}, {"friction": -1.0}, {"restitution": 2.0}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             MastCollision(**wrong)
     with pytest.raises(ValueError, match="radius must leave the free particles outside"):

@@ -1,14 +1,14 @@
-"""One battery over every effect that moves particles after a step, under every integrator."""
+"""Corrections together: effects that move particles after a step, in one scene, under every integrator.
 
-import dataclasses
-import pickle
+What each of them promises by itself stands in `test_effects`.
+"""
 
 import numpy as np
 import pytest
 
 from flag_env.physics import Scene, Simulator, diagnostics, effects, integrators, max_timestep, presets
 
-PROJECTIONS = [  # a new effect joins with one line
+PROJECTIONS = [
     effects.SelfCollision(),
     effects.MastCollision(),
     effects.StrainLimit(),
@@ -52,44 +52,6 @@ def test_all_of_them_together_keep_what_they_promise_and_continue_to_the_bit(met
         np.testing.assert_array_equal(getattr(sim, name), getattr(other, name))
 
 
-def test_compiled_code_computes_what_its_source_says(run_python, tmp_path):
-    """From a crumpled, stretched pose about the pole, in which every one of them acts."""
-    scenes = [flag(), *(flag(effect) for effect in PROJECTIONS)]
-    random = np.random.default_rng(3)
-    x = scenes[0].lattice.rest_positions * (1.3, 1.0, 0.4) + 0.08 * random.standard_normal((1, 5, 7, 3))
-    x[..., :2, :2] = (0.0, 0.0), (0.01, 0.01)  # the first column on the pole's axis, the next inside it
-    (tmp_path / "cases").write_bytes(pickle.dumps((scenes, x, 0.3 * random.standard_normal(x.shape))))
-    script = f"""
-import pickle, numpy as np, numba
-from flag_env.physics import Simulator
-scenes, x, v = pickle.load(open({str(tmp_path / "cases")!r}, "rb"))
-ends = []
-for scene in scenes:
-    sim = Simulator(scene)
-    sim.set_positions(x)
-    sim.set_velocities(v)
-    sim.step(3)
-    ends.append((sim.positions, sim.velocities))
-pickle.dump((numba.config.DISABLE_JIT, np.array(ends)), open({str(tmp_path / "ends")!r}, "wb"))
-"""
-    ends = []
-    for disable in ("1", "0"):
-        run_python(script, NUMBA_DISABLE_JIT=disable)
-        disabled, found = pickle.loads((tmp_path / "ends").read_bytes())
-        assert disabled == int(disable)
-        ends.append(found)
-    assert all(np.abs(acted - ends[0][0]).max() > 1e-4 for acted in ends[0][1:])
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-12)
-
-
-@every_projection
-def test_finite_where_particles_meet(effect):
-    sim = Simulator(flag(effect))
-    sim.set_positions(np.zeros((1, 5, 7, 3)))
-    sim.step(5)
-    assert np.isfinite(sim.positions).all()
-
-
 def test_the_pole_has_the_last_word_whatever_the_order():
     kinds = [effects.MastCollision(), effects.Gravity(), effects.SelfCollision(), effects.StrainLimit()]
     held = [type(effect).__name__ for effect in Scene(flag().lattice, tuple(kinds)).effects]
@@ -101,11 +63,3 @@ def test_the_pole_has_the_last_word_whatever_the_order():
 @every_projection
 def test_the_step_limit_is_that_without_it(effect):
     assert max_timestep(flag(effect)) == max_timestep(flag())
-
-
-@every_projection
-def test_it_is_a_value(effect):
-    twin = dataclasses.replace(effect)
-    assert twin == effect
-    assert hash(twin) == hash(effect)
-    assert effect.scaled(2.0, 2.0) == effect

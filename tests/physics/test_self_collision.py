@@ -491,7 +491,7 @@ def test_an_effect_is_a_value():
     assert pickle.loads(pickle.dumps(effect)) == effect
     assert hash(effect) == hash(SelfCollision(0.1, 0.2, 0.3))
     assert SelfCollision().reach(CLOTH.lattice) == pytest.approx(1.2 * max(CLOTH.lattice.steps[:2]))
-    for wrong in ({"thickness": 0.0}, {"thickness": -1.0}, {"friction": -0.1}, {"restitution": 1.1}, {"restitution": -0.1}):
+    for wrong in ({"thickness": np.inf}, {"thickness": -1.0}, {"friction": -0.1}, {"restitution": 1.1}, {"restitution": -0.1}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             SelfCollision(**wrong)
     with pytest.raises(ValueError, match="dimensions"):

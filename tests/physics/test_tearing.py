@@ -337,7 +337,7 @@ def test_a_limit_below_the_strain_keeps_links_whole():
     assert links[1] < links[0]
 
 
-@pytest.mark.parametrize("wrong", [0.0, -0.1, np.inf])
+@pytest.mark.parametrize("wrong", [0.0, -0.1, np.nan, -np.inf])
 def test_wrong_arguments_are_refused(wrong):
     with pytest.raises(ValueError, match="strain"):
         Tearing(wrong)

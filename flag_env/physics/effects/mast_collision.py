@@ -165,7 +165,7 @@ class MastCollision(Effect):
     Parameters
     ----------
     radius
-        Of the pole [m], > 0.
+        Of the pole [m], >= 0; at 0 nothing can meet it.
     below
         How far the pole goes on below the lowest pinned particle [m], >= 0.
     friction
@@ -182,7 +182,7 @@ class MastCollision(Effect):
     restitution: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "radius", validate.number("radius", self.radius, above=0.0))
+        object.__setattr__(self, "radius", validate.number("radius", self.radius, minimum=0.0))
         for name in ("below", "friction", "restitution"):
             object.__setattr__(self, name, validate.number(name, getattr(self, name), minimum=0.0))
         if self.restitution > 1:

@@ -210,8 +210,8 @@ class SelfCollision(Effect):
     Parameters
     ----------
     thickness
-        Distance that particles keep [m], > 0; None: 1.2 of the larger spacing. Below the spacing of the cloth as stretched, cloth
-        may slip between the particles.
+        Distance that particles keep [m], >= 0; None: 1.2 of the larger spacing. Below the spacing of the cloth as stretched,
+        cloth may slip between the particles; at 0 nothing ever touches.
     friction
         Coefficient of friction, >= 0.
     restitution
@@ -226,7 +226,7 @@ class SelfCollision(Effect):
 
     def __post_init__(self) -> None:
         if self.thickness is not None:
-            object.__setattr__(self, "thickness", validate.number("thickness", self.thickness, above=0.0))
+            object.__setattr__(self, "thickness", validate.number("thickness", self.thickness, minimum=0.0))
         object.__setattr__(self, "friction", validate.number("friction", self.friction, minimum=0.0))
         object.__setattr__(self, "restitution", validate.number("restitution", self.restitution, minimum=0.0))
         if self.restitution > 1:

@@ -112,7 +112,7 @@ class StrainLimit(Effect):
     Parameters
     ----------
     stretch
-        Largest strain s of a link, >= 0.
+        Largest strain s of a link, >= 0; infinite: no limit.
     iterations
         Most turns of rows and columns in a step; it stops as soon as the limit holds to one part in a thousand.
     """
@@ -121,7 +121,7 @@ class StrainLimit(Effect):
     iterations: int = 30
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stretch", validate.number("stretch", self.stretch, minimum=0.0))
+        object.__setattr__(self, "stretch", validate.number("stretch", self.stretch, minimum=0.0, infinite=True))
         object.__setattr__(self, "iterations", validate.count("iterations", self.iterations))
 
     @property

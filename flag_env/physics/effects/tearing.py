@@ -159,7 +159,7 @@ class Tearing(Effect):
     Parameters
     ----------
     strain
-        Of a link when it breaks, > 0.
+        Of a link when it breaks, > 0; infinite: none breaks.
     """
 
     binds_last: ClassVar[bool] = True
@@ -168,7 +168,7 @@ class Tearing(Effect):
     strain: float = 0.3
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "strain", validate.number("strain", self.strain, above=0.0))
+        object.__setattr__(self, "strain", validate.number("strain", self.strain, above=0.0, infinite=True))
 
     @property
     def smooth(self) -> bool:
