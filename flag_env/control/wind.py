@@ -86,10 +86,10 @@ class WindControl(Control):
 
     def apply(self, simulator: Simulator, actions: Array) -> None:
         """Let u follow the set-points and set the wind's amplitude."""
-        amplitude, *others = simulator.wind_amplitudes
-        _compiled_follow()(actions, _FOLLOW, self._amplitude, self._u, amplitude)
-        for other in others:
-            other[:] = amplitude
+        amplitudes = simulator.wind_amplitudes
+        _compiled_follow()(actions, _FOLLOW, self._amplitude, self._u, amplitudes[0])
+        for other in amplitudes[1:]:
+            other[:] = amplitudes[0]
 
     @property
     def state(self) -> Array:

@@ -138,7 +138,8 @@ class FlagBatch:
         self._firsts = np.cumsum([0] + [control.size for control in self.controls]).tolist()[:-1]
         self.nodes = _observed_nodes(scene)
         self.diagonal = scene.lattice.diagonal
-        self._unit = max(control.close for control in self.controls) * self.diagonal
+        unit = max(control.close for control in self.controls) * self.diagonal
+        self._constants = (ROOM, FASTEST, self.diagonal, unit, settings.tolerance, HOLD_STEPS, EPISODE_STEPS, LIMIT)
         self._entries = 12 * len(self.nodes) + sum(control.state_size for control in self.controls) + 1
         self.observed = np.zeros((copies, self._entries), np.float32)
         self._poses: dict[int, Array] = {}
@@ -214,8 +215,7 @@ class FlagBatch:
         self.observed = np.empty((self.simulator.copies, self._entries), np.float32)
         glance.look()(
             self.now.x, self.now.v, self._last.x, self._last.v, self._targets, self.nodes, self.actuators,
-            ROOM, FASTEST, self.diagonal, self._unit, self.settings.tolerance, HOLD_STEPS, EPISODE_STEPS, LIMIT, stepped,
-            self.elapsed, self.held, self.distance, self.success, self.diverged, self.observed,
+            *self._constants, stepped, self.elapsed, self.held, self.distance, self.success, self.diverged, self.observed,
         )  # fmt: skip
 
     def _set_ambient_wind(self) -> None:

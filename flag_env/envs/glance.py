@@ -28,20 +28,21 @@ def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, act
     particles = x.shape[1] / 3
     n = 3 * nodes.shape[0]
     for copy in range(x.shape[0]):
+        bad, square = 0, 0.0
+        for i in range(x.shape[1]):
+            bad += not (abs(x[copy, i]) <= room)  # true of NaN too
+            bad += not (abs(v[copy, i]) <= fastest)
+            difference = x[copy, i] - target[copy, i]
+            square += difference * difference
         if stepped:
-            bad = 0
-            for i in range(x.shape[1]):
-                bad += not (abs(x[copy, i]) <= room)  # true of NaN too
-                bad += not (abs(v[copy, i]) <= fastest)
             diverged[copy] = bad > 0
             if bad > 0:
+                square = 0.0
                 for i in range(x.shape[1]):
                     x[copy, i] = last_x[copy, i]
                     v[copy, i] = last_v[copy, i]
-        square = 0.0
-        for i in range(x.shape[1]):
-            difference = x[copy, i] - target[copy, i]
-            square += difference * difference
+                    difference = x[copy, i] - target[copy, i]
+                    square += difference * difference
         distance[copy] = (square / particles) ** 0.5 / diagonal
         if stepped:
             elapsed[copy] += 1
