@@ -42,17 +42,23 @@ def mast_poses(
     return position, tilt, yaw
 
 
-def _pull(x: Any, v: Any, pinned: Any, mast: Any, seconds: float) -> None:
-    """Velocities v (copies, coordinates, particles) that bring the pinned particles to the mast's points in `seconds`."""
+def _pull(x: Any, v: Any, pinned: Any, mast: Any, seconds: float) -> bool:
+    """Velocities v (copies, coordinates, particles) that bring the pinned particles to the mast's points in `seconds`.
+
+    True if any of them is not zero.
+    """
     number = x.dtype.type
+    moving = False
     for copy in range(x.shape[0]):
         for d in range(x.shape[1]):
             for k in range(pinned.shape[0]):
                 v[copy, d, pinned[k]] = (number(mast[copy, d, k]) - x[copy, d, pinned[k]]) / number(seconds)
+                moving |= v[copy, d, pinned[k]] != 0
+    return moving
 
 
 @cache
-def pull(dtype: np.dtype[Any]) -> Callable[..., None]:
+def pull(dtype: np.dtype[Any]) -> Callable[..., bool]:
     """`_pull`, compiled for x and v of this type and kept on disk; contiguous arrays, `pinned` int64, `mast` float64."""
     rows = np.zeros((1, 1, 1), dtype)
     return entry_point(cached(_pull), (rows, rows, np.zeros(1, np.int64), np.zeros((1, 1, 1)), 0.0))

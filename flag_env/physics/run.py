@@ -50,6 +50,8 @@ class Run:
     stepped, failed_at, failed_particle : (copies,)
         Whether a step has been taken; the step of the last call at which a copy stopped at bad numbers, 0 if that was in a call
         before, or -1; its particle.
+    moving
+        Whether the pinned particles move, or may: to be set by whoever writes to `x`, `v` or `mast`.
     effects
         The bound effects, in the scene's order.
     entry
@@ -81,7 +83,8 @@ class Run:
         self.failed_particle = np.zeros(copies, np.int64)
         self._few_steps = math.inf if self._threads.count == 1 else _SERIAL / (copies * lattice.size)
         self._arguments: list[tuple[Any, ...]] = []
-        self._pull: Callable[..., None] | None = None
+        self._pull: Callable[..., bool] | None = None
+        self.moving = True
         self.entry: Callable[..., int] | None = None
 
     def change(self, scene: Scene) -> None:
@@ -94,6 +97,7 @@ class Run:
         """Put all particles at `rows` (copies, coordinates, particles); pinned ones are to stay there."""
         self.x[:] = rows
         self.mast[:] = rows[:, :, self._pinned]
+        self.moving = True
 
     def step(self, steps: int, into: Reading | None) -> int:
         """Take `steps` steps, if any, moving the mast to where it is to be, then write `into` a reading, if any.
@@ -102,8 +106,8 @@ class Run:
         """
         if self.entry is None:
             self._compile()
-        if steps > 0:
-            self._pull(self.x, self.v, self._pinned, self.mast, steps * self.timestep)  # type: ignore[misc]
+        if steps > 0 and self.moving:
+            self.moving = self._pull(self.x, self.v, self._pinned, self.mast, steps * self.timestep)  # type: ignore[misc]
         copies = len(self.x)
         threads = 1 if steps < self._few_steps else self._threads.count
         if threads == 1:

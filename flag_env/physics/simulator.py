@@ -109,6 +109,7 @@ class Simulator:
     def set_velocities(self, velocities: ArrayLike) -> None:
         """Set every velocity [m/s], shaped as for `set_positions`; those of pinned particles follow from the mast's motion."""
         self._run.v[:] = self._run.coordinates.flat("velocities", velocities)
+        self._run.moving = True
         self._run.stepped[:] = False
         self._run.failed_at[:] = -1
 
@@ -135,6 +136,7 @@ class Simulator:
             validate.number("state.time", state.time, minimum=0.0)
             self._scaled_scene(*state.scales)
         self._live_state().overwrite(to, state)
+        self._run.moving = True
         if copies is None:
             if state.scales != self._scales:
                 self.set_parameters(*state.scales)
@@ -158,6 +160,7 @@ class Simulator:
         rest = lattice.rest_positions.reshape(-1, 3)[lattice.fixed]
         points = mast_points(rest, *mast_poses(self._copies, position, tilt, yaw))
         self._run.mast[:] = points.transpose(0, 2, 1)[:, self._run.coordinates.axes]
+        self._run.moving = True
 
     def set_wind(
         self, amplitude: ArrayLike | None = None, frequency: ArrayLike | None = None, mean: ArrayLike | None = None
