@@ -178,7 +178,7 @@ def _figure(rows: list[dict[str, Any]]) -> Figure:
     rate.axhline(0.0, color="#9aa3ad", lw=0.8)
     rate.set_ylabel("growth rate (1/s)")
     lines = [*right.get_lines(), *rate.get_lines()[:2]]
-    right.legend(lines, [str(line.get_label()) for line in lines], frameon=False, loc="lower right")
+    right.legend(lines, [str(line.get_label()) for line in lines], frameon=False, loc="lower right", bbox_to_anchor=(1.0, 0.06))
     left.spines["right"].set_visible(False)
     for axes in (left, right, rate):
         axes.spines["top"].set_visible(False)
