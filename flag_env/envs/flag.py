@@ -73,7 +73,7 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     | `control` | "wind" | "wind" or "mast" |
     | `level` | "breeze" | "calm": the wind is known; "breeze": each target comes with a hidden wind of up to (3, 4, 3) m/s^2 |
     | `split` | "train" | "train" (768 targets), "validation" or "test" (128 each) |
-    | `scene` | "flag" | a preset's name (at 10 x 16 particles) or a `Scene`; targets are then where the witnesses lead there |
+    | `scene` | "flag" | "flag", "two_layer_flag" (10 x 16 particles) or a `Scene`; targets are where witnesses lead in it |
     | `tolerance` | 0.05 | distance that counts as reached, in flag diagonals |
     | `reward` | "shaped" | "shaped", "dense" or "sparse" |
     | `render_mode` | None | "rgb_array" |
