@@ -63,6 +63,8 @@ def table(evaluation: dict[str, Any]) -> str:
 
 def load(folder: Path) -> tuple[Task, BasePolicy]:
     """Task and trained policy of a finished training; no stored code is run."""
+    if not all((folder / name).exists() for name in ("arguments.json", "model.zip")):
+        raise FileNotFoundError(f"a run must be a folder of a finished training, with arguments.json and model.zip, got {folder}")
     description = read_json(folder / "arguments.json")
     arguments, hyper = description["arguments"], Hyperparameters(**description["hyperparameters"])
     task = Task(*(arguments[name] for name in ("env_id", "control", "level", "accuracy")))

@@ -71,7 +71,10 @@ def config(arguments: Arguments) -> Any:
 def run(arguments: Arguments) -> dict[str, Any]:
     """Train and return the last line of `progress.jsonl`."""
     os.environ["OMP_NUM_THREADS"] = "1"  # runners are processes: more threads would contend for the same cores
-    import ray
+    try:
+        import ray
+    except ImportError:
+        raise SystemExit('this training needs the extra "distributed": pip install -e ".[distributed]"') from None
 
     folder = arguments.output.resolve()
     place = folder / "checkpoint"

@@ -112,3 +112,8 @@ def test_loading_reads_weights_and_runs_no_stored_code(tiny, tmp_path, algo):
     np.testing.assert_array_equal(Agent(policy).act(observation), expected)
     load_from_zip_file(path)  # what stable-baselines3's own loading does
     assert trap.exists()
+
+
+def test_a_folder_without_a_finished_training_is_refused_by_name(tmp_path):
+    with pytest.raises(FileNotFoundError, match=rf"folder of a finished training.*got {tmp_path}"):
+        load(tmp_path)
