@@ -111,7 +111,7 @@ def main() -> None:
     try:
         import tyro
     except ImportError:
-        sys.exit('the flag-env command needs the extra "cli": pip install "flag_env[cli]"')
+        sys.exit('the flag-env command needs the extra "cli": pip install -e ".[cli]"')
     tyro.extras.subcommand_cli_from_dict(
         {
             "accuracy": accuracy,

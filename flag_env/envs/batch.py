@@ -64,6 +64,10 @@ class Settings:
         object.__setattr__(self, "tolerance", validate.number("tolerance", self.tolerance, above=0.0))
         if not isinstance(self.scene, Scene):
             validate.choice("scene", self.scene, SCENES)
+        elif self.scene.lattice.dimensions < 3:
+            raise ValueError(
+                f"scene must have three dimensions, as its targets have, got dimensions={self.scene.lattice.dimensions}"
+            )
         for control in CONTROLS[self.control]:
             control.check(self.resolved_scene())
 

@@ -44,9 +44,13 @@ class Coordinates:
         checked = validate.array(name, value, shape, (self._copies, *shape))
         if (largest := np.abs(checked).max()) > np.finfo(self._dtype).max:
             raise ValueError(f"{name} must fit the scene's {self._dtype}, got a magnitude of {largest:g}")
-        absent = [axis for axis in range(3) if axis not in self.axes]
-        if absent and (checked - rest)[..., absent].any():
-            names = " and ".join("xyz"[axis] for axis in absent)
-            raise ValueError(f"{name} must keep {names} as at rest: the scene has dimensions={len(self.axes)}")
+        self.check(name, checked, rest)
         rows = checked.reshape(-1, lattice.size, 3).transpose(0, 2, 1)[:, self.axes]
         return np.broadcast_to(rows, (self._copies, len(self.axes), lattice.size))
+
+    def check(self, name: str, points: NDArray[np.float64], rest: NDArray[np.float64] | float) -> None:
+        """Raise ValueError, naming the argument, unless points (..., 3) are at rest along coordinates that the scene lacks."""
+        absent = [axis for axis in range(3) if axis not in self.axes]
+        if absent and (points - rest)[..., absent].any():
+            names = " and ".join("xyz"[axis] for axis in absent)
+            raise ValueError(f"{name} must keep {names} as at rest: the scene has dimensions={len(self.axes)}")

@@ -155,10 +155,16 @@ class Simulator:
             Angles about the world's x and then y axis through the foot [rad].
         yaw : scalar or (copies,)
             Angle about the mast's own axis, applied first [rad].
+
+        Raises
+        ------
+        ValueError
+            If a value is not finite or of the wrong shape, or takes the mast out of the coordinates that the scene has.
         """
         lattice = self._scene.lattice
         rest = lattice.rest_positions.reshape(-1, 3)[lattice.fixed]
         points = mast_points(rest, *mast_poses(self._copies, position, tilt, yaw))
+        self._run.coordinates.check("position, tilt and yaw", points, rest)
         self._run.mast[:] = points.transpose(0, 2, 1)[:, self._run.coordinates.axes]
         self._run.moving = True
 

@@ -114,7 +114,7 @@ def _write_mp4(frames: Iterator[Pixels], path: Path, fps: float) -> None:
         imageio = import_module("imageio.v2")
         import_module("imageio_ffmpeg")  # imageio falls back to other, lesser writers without it
     except ImportError as error:
-        raise ImportError("MP4 needs imageio and imageio-ffmpeg; install them: pip install 'flag-env[training]'") from error
+        raise ImportError("MP4 needs imageio and imageio-ffmpeg; install them: pip install -e '.[training]'") from error
     writer = imageio.get_writer(path, format="FFMPEG", fps=fps, codec="libx264", quality=8, macro_block_size=2)
     try:
         for frame in frames:

@@ -38,7 +38,6 @@ OTHERS = (
     | st.tuples(st.just("flag"), st.floats(-6.0, -2.0).map(lambda exponent: 10**exponent))
     | st.tuples(FLAGS, st.sampled_from([1e-4, "reference"]))
     | st.tuples(st.builds(presets.storm_flag, st.integers(2, 6), st.integers(2, 8)), st.sampled_from([None, "balanced"]))
-    | st.tuples(st.builds(presets.sheet, st.integers(1, 6), st.integers(1, 8)), st.none())
 )
 
 

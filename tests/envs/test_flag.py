@@ -23,6 +23,7 @@ from flag_env.physics import effects, presets
         ({"tolerance": 0.0}, ValueError, r"tolerance must be finite and > 0, got 0.0"),
         ({"tolerance": "5 %"}, TypeError, r"tolerance must be a number, got '5 %'"),
         ({"scene": "curtain"}, ValueError, r"scene must be one of 'flag'.*, got 'curtain'"),
+        ({"scene": presets.sheet(5, 8)}, ValueError, r"scene must have three dimensions.* got dimensions=2"),
         ({"scene": presets.flag(5, 8).without(effects.CosineWind)}, ValueError, r"scene must hold a wind.* its effects: Gravity"),
         ({"scene": presets.flag(5, 8, pinned="none"), "control": "mast"}, ValueError, r"scene must pin particles .*'none'"),
         ({"width": 3}, ValueError, r"width must be .* from 16 to 8192, got 3"),

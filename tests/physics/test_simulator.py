@@ -277,6 +277,17 @@ def test_mast_poses_may_differ_between_copies():
     )
 
 
+@pytest.mark.parametrize("pose", [{"position": (0.0, 0.1, 0.0)}, {"tilt": (0.1, 0.0)}, {"yaw": 0.2}])
+def test_a_mast_stays_in_the_plane_of_a_sheet(pose):
+    sim = Simulator(presets.sheet(4, 5, pinned="sleeve"))
+    with pytest.raises(ValueError, match="position, tilt and yaw must keep y as at rest: the scene has dimensions=2"):
+        sim.set_mast(**pose)
+    assert not sim.velocities.any()
+    sim.set_mast(position=(0.1, 0.0, -0.2), tilt=(0.0, 0.3))
+    sim.step(20)
+    np.testing.assert_allclose(sim.positions[0, 0, 0, 0], (0.1, 0.0, -0.2), atol=1e-15)
+
+
 def test_wind_phase_goes_on_when_its_frequency_changes():
     m, h = 0.5, 1e-3
     wind = CosineWind((3.0, 2.0, 1.0), (4.0, 9.0, 20.0), (0.1, 0.2, -0.3), (0.3, 0.0, -1.0))
