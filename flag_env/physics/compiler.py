@@ -14,10 +14,36 @@ from typing import Any
 from llvmlite import binding as llvm
 from numba import _dynfunc
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder, compile_result
+from numba.core.compiler import Compiler, CompilerBase, DefaultPassBuilder, Flags, compile_result
 from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
-from numba.core.typed_passes import NativeLowering
+from numba.core.typed_passes import InlineOverloads, NativeLowering, NopythonRewrites
+from numba.core.untyped_passes import (
+    FindLiterallyCalls,
+    InlineClosureLikes,
+    InlineInlinables,
+    LiteralUnroll,
+    MakeFunctionToJitFunction,
+    WithLifting,
+)
+
+_UNUSED = frozenset(
+    {
+        FindLiterallyCalls, InlineClosureLikes, InlineInlinables, InlineOverloads, LiteralUnroll, MakeFunctionToJitFunction,
+        NopythonRewrites, WithLifting,
+    }
+)  # fmt: skip
+"""Numba's passes for what no part contains: closures, `with`, unrolling over types, inlining by Numba, whole-array arithmetic."""
+
+
+class _Flags(Flags):  # type: ignore[misc]
+    """Numba's flags, equal if the same ones are set: Numba compares them some 50 000 times, by default all 22 of them."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Flags) and bool(self._values == other._values)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._values))
 
 
 class _Optimised(JITCodeLibrary):  # type: ignore[misc]
@@ -83,13 +109,19 @@ class Glue(CompilerBase):  # type: ignore[misc]
 
     _library: type[_Optimised] = _Raw
 
+    def __init__(self, *arguments: Any) -> None:
+        """As Numba does."""
+        super().__init__(*arguments)
+        self.state.flags = _Flags(self.state.flags)
+
     def define_pipelines(self) -> list[Any]:
-        """Numba's passes, lowering replaced."""
+        """Numba's passes, as far as parts need them, lowering replaced."""
         state = self.state
         state.library = self._library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
         pipeline = DefaultPassBuilder.define_nopython_pipeline(state)
-        pipeline.passes = [(_LowerPart if what is NativeLowering else what, why) for what, why in pipeline.passes]
+        used = [(what, why) for what, why in pipeline.passes if what not in _UNUSED]
+        pipeline.passes = [(_LowerPart if what is NativeLowering else what, why) for what, why in used]
         pipeline.finalize()
         return [pipeline]
 

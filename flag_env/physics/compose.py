@@ -189,8 +189,8 @@ def _make_run() -> Callable[..., Any]:
         for copy in range(first, last):
             p, w, m = x[copy], v[copy], memory[copy]
             todo = steps if failed_at[copy] < 0 else 0
-            if steps > 0:
-                failed_at[copy] = min(failed_at[copy], 0)
+            if steps > 0 and failed_at[copy] > 0:
+                failed_at[copy] = 0
             if todo > 0:
                 if not stepped[copy]:
                     _start(method, effects, copy, p, w, m, f, scratch, work, inverse_mass)
