@@ -16,6 +16,7 @@ import flag_env  # noqa: F401
 from flag_env.control import CONTROLS
 from flag_env.envs.batch import LEVELS, SCENES
 from flag_env.physics import effects, presets
+from flag_env.physics.tuning import ACCURACIES
 from flag_env.tasks.targets import SIZES, SPLITS
 
 UNHURRIED = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
@@ -137,7 +138,9 @@ def bad(env_id):
         "split": words(*SPLITS),
         "reward": words(*IDS[env_id]).filter(lambda value: value is not None),  # None: the id's own, in vectors
         "scene": words(*SCENES) | st.just(presets.flag(3, 4).without(effects.CosineWind)),
-        "accuracy": NO_POSITIVE | st.just(1e-30) | NO_NUMBERS.filter(lambda value: value is not None),
+        "accuracy": NO_POSITIVE
+        | st.just(1e-30)
+        | NO_NUMBERS.filter(lambda value: value is not None and str(value) not in ACCURACIES),
         "tolerance": NO_POSITIVE | NO_NUMBERS,
         "render_mode": words("rgb_array").filter(lambda value: value is not None),
         "width": NO_SIZE,
