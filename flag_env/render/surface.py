@@ -13,7 +13,7 @@ __all__ = ["CLOTH", "Palette", "Surface", "cells_of", "surface_for"]
 Array = NDArray[np.float64]
 
 # Drawn cells of a flag: about 5 pixels each in a 480x480 picture. Fewer look faceted, more take longer.
-CELLS = 560
+CELLS = 480
 MOST_CELLS = 4000  # finer lattices are sampled down to this
 NARROWING = 1.1  # folds run up the cloth more than along it, so cells are narrower along
 

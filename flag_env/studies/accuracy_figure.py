@@ -142,6 +142,6 @@ def _averages(axes: Any, averages: list[dict[str, Any]]) -> None:
     axes.axvline(1.0, color="#9aa3ad", linewidth=0.8, zorder=0)
     axes.set_yticks(range(len(names)), [name.replace(" from the standard's mean [m]", "\nfrom its mean") for name in names])
     axes.invert_yaxis()
-    axes.set_title(f"On average: 32 flags, {first}, from {rows[0]['from [s]']:.0f} to {rows[0]['to [s]']:.0f} s")
+    axes.set_title(f"32 flags, {first}, {rows[0]['from [s]']:.0f} to {rows[0]['to [s]']:.0f} s")
     axes.set_xlabel("averages over LFAB's at half its limit, 95 %")
     axes.legend(frameon=False, fontsize=7.5, loc="upper center", bbox_to_anchor=(0.35, -0.16), ncols=2)
