@@ -7,6 +7,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1] / "flag_env"
 
+RUNNING = tuple(f"flag_env.physics.{name}" for name in ("scene", "simulator", "run", "spectrum", "stability"))
 FORBIDDEN = {
     "physics": ("gymnasium", "matplotlib", "torch", "stable_baselines3", "flag_env.control", "flag_env.tasks", "flag_env.envs",
                 "flag_env.render", "flag_env.studies", "flag_env.cli"),
@@ -18,13 +19,9 @@ FORBIDDEN = {
               "flag_env.studies", "flag_env.cli"),
     "envs": ("matplotlib", "torch", "flag_env.studies", "flag_env.cli", "training"),
     "studies": ("flag_env.cli", "training"),
-    "physics/effects": ("flag_env.physics.scene", "flag_env.physics.simulator", "flag_env.physics.run",
-                        "flag_env.physics.stability", "flag_env.physics.compose", "flag_env.physics.integrators"),
-    "physics/integrators": ("flag_env.physics.scene", "flag_env.physics.simulator", "flag_env.physics.run",
-                            "flag_env.physics.stability", "flag_env.physics.lattice", "flag_env.physics.effects"),
-    "physics/compose.py": ("flag_env.physics.scene", "flag_env.physics.simulator", "flag_env.physics.run",
-                           "flag_env.physics.stability", "flag_env.physics.effects", "flag_env.physics.integrators",
-                           "flag_env.physics.lattice"),
+    "physics/effects": (*RUNNING, "flag_env.physics.compose", "flag_env.physics.integrators"),
+    "physics/integrators": (*RUNNING, "flag_env.physics.lattice", "flag_env.physics.effects"),
+    "physics/compose.py": (*RUNNING, "flag_env.physics.effects", "flag_env.physics.integrators", "flag_env.physics.lattice"),
     "physics/compiler.py": ("flag_env",),
     "physics/jit.py": ("flag_env.physics.effects", "flag_env.physics.integrators", "flag_env.physics.lattice",
                        "flag_env.physics.scene", "flag_env.physics.compose"),

@@ -22,7 +22,7 @@ from flag_env.physics.jit import entry_point
 from flag_env.physics.mast import pull
 from flag_env.physics.reading import Reading
 from flag_env.physics.scene import Scene
-from flag_env.physics.stability import SceneSpectrum
+from flag_env.physics.spectrum import SceneSpectrum
 from flag_env.physics.threads import Threads
 
 _SERIAL = 20_000

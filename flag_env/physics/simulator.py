@@ -15,7 +15,7 @@ from flag_env.physics.mast import mast_points, mast_poses
 from flag_env.physics.reading import Reading
 from flag_env.physics.run import Run
 from flag_env.physics.scene import Scene
-from flag_env.physics.stability import limited_by, max_timestep, timestep_of
+from flag_env.physics.stability import scaled, timestep_of
 from flag_env.physics.state import Diverged, State
 from flag_env.physics.threads import processors
 
@@ -134,7 +134,7 @@ class Simulator:
             raise ValueError(f"copies must be numbers from 0 to {self._copies - 1}, got {to}")
         if copies is None:
             validate.number("state.time", state.time, minimum=0.0)
-            self._scaled_scene(*state.scales)
+            scaled(self._scene, self._timestep, *state.scales)
         self._live_state().overwrite(to, state)
         self._run.moving = True
         if copies is None:
@@ -215,7 +215,7 @@ class Simulator:
         ValueError
             If the timestep would exceed the changed scene's limit.
         """
-        scene = self._scaled_scene(stiffness_scale, viscosity_scale)
+        scene = scaled(self._scene, self._timestep, stiffness_scale, viscosity_scale)
         self._run.change(scene)
         self._scales = (float(stiffness_scale), float(viscosity_scale))
         self._present_winds = self._amplitudes = None
@@ -277,18 +277,6 @@ class Simulator:
         return diagnostics.energy(self._scene.lattice, run.scene.effects, run.effects, self.positions, self.velocities)
 
     # -- inner ------------------------------------------------------------------------------------------------------------------
-
-    def _scaled_scene(self, stiffness_scale: float, viscosity_scale: float) -> Scene:
-        """The scene with links scaled; ValueError if the timestep would exceed its limit."""
-        scene = self._scene.scaled(stiffness_scale, viscosity_scale)
-        limit = max_timestep(scene)
-        if self._timestep > limit and not scene.allow_unstable:
-            raise ValueError(
-                f"stiffness_scale = {stiffness_scale:g} and viscosity_scale = {viscosity_scale:g} must keep the step limit above "
-                f"the timestep of {self._timestep:.6g} s; they lower it to {limit:.6g} s, set by {limited_by(scene)}; scale it "
-                "less, or make the simulator with a smaller timestep"
-            )
-        return scene
 
     def _live_state(self) -> State:
         """The state in the arrays that the run works on."""

@@ -13,7 +13,7 @@ from flag_env.physics.effects import AirDrag, CosineWind, Gravity, Shear, Struct
 from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Implicit, Integrator, Leapfrog, Strang
 from flag_env.physics.integrators.banded import factorise, improve
 from flag_env.physics.jit import jit
-from flag_env.physics.stability import SceneSpectrum
+from flag_env.physics.spectrum import SceneSpectrum
 from flag_env.studies import reference
 
 METHODS = [  # a new integrator joins with one line

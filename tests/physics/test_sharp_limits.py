@@ -11,7 +11,7 @@ from flag_env.physics import Lattice, Scene, Simulator, max_timestep
 from flag_env.physics.effects import AirDrag, Bending, Structural, Tearing
 from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Implicit, Leapfrog, Strang
 from flag_env.physics.integrators.rk4 import BULGE, SAG
-from flag_env.physics.stability import SceneSpectrum
+from flag_env.physics.spectrum import SceneSpectrum
 
 METHODS = [ExplicitEuler(), Leapfrog(), Leapfrog("half_kick"), LFAB(), Strang(), RK4(), Implicit()]
 K, M, FREE = 80.0, 0.5, 5

@@ -12,7 +12,8 @@ import scipy.linalg
 from flag_env.physics import Diverged, Lattice, Scene, Simulator, max_timestep, presets
 from flag_env.physics.effects import AirDrag, Bending, CosineWind, CrossLayer, Gravity, LinkEffect, Shear, Structural
 from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Leapfrog, Strang
-from flag_env.physics.stability import SceneSpectrum, limited_by
+from flag_env.physics.spectrum import SceneSpectrum
+from flag_env.physics.stability import limited_by
 
 DIRECTIONS = {  # independent of the effects' own lists
     Structural: [(0, 0, 1), (0, 1, 0)],
