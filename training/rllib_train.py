@@ -80,7 +80,10 @@ def run(arguments: Arguments) -> dict[str, Any]:
     place = folder / "checkpoint"
     if place.exists() and not arguments.resume:
         raise SystemExit(f"{folder} holds a training; go on with --resume, or choose another --output")
-    ray.init(address=arguments.address, num_cpus=None if arguments.address else max(arguments.runners + 1, 2))
+    if arguments.address is None:
+        ray.init(address="local", num_cpus=max(arguments.runners + 1, 2))  # whatever cluster this machine has been part of
+    else:
+        ray.init(address=arguments.address)
     algorithm = config(arguments).build_algo()
     try:
         if place.exists():
