@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from numpy.typing import NDArray
 
-from flag_env.physics.effects.base import Effect, Setting, Wind
+from flag_env.physics.effects.base import Effect, Setting
 from flag_env.physics.effects.springs import LinkEffect
+from flag_env.physics.effects.wind import Swing, Wind
 
 
 def bind(effects: tuple[Effect, ...], setting: Setting) -> tuple[Any, ...]:
@@ -29,8 +31,8 @@ def rebind(old: tuple[Effect, ...], new: tuple[Effect, ...], bound: tuple[Any, .
     )
 
 
-def winds(effects: tuple[Effect, ...], bound: tuple[Any, ...]) -> list[Any]:
-    """The bound winds.
+def winds(effects: tuple[Effect, ...], bound: tuple[Any, ...]) -> list[Swing]:
+    """The winds as they are now.
 
     Raises
     ------
@@ -43,9 +45,18 @@ def winds(effects: tuple[Effect, ...], bound: tuple[Any, ...]) -> list[Any]:
             f"scene must hold winds in one unit for set_wind, got winds in {' and '.join(units)}; take one out, as in "
             "scene.without(effects.CosineWind)"
         )
-    return [run for effect, run in zip(effects, bound, strict=True) if isinstance(effect, Wind)]
+    return [run.wind for effect, run in zip(effects, bound, strict=True) if isinstance(effect, Wind)]
 
 
 def state_of(bound: tuple[Any, ...]) -> tuple[tuple[NDArray[Any], ...], ...]:
     """Arrays of each effect that a run changes, with a leading copies axis."""
-    return tuple(tuple(getattr(run, name) for name in (run.state() if hasattr(run, "state") else ())) for run in bound)
+    return tuple(tuple(_changing(run)) for run in bound)
+
+
+def _changing(part: Any) -> Iterator[NDArray[Any]]:
+    for name in part.state() if hasattr(part, "state") else ():
+        field = getattr(part, name)
+        if isinstance(field, tuple):
+            yield from _changing(field)
+        else:
+            yield field

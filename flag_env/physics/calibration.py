@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import calibration_store
-from flag_env.physics.effects.base import Wind
 from flag_env.physics.effects.cosine_wind import CosineWind
+from flag_env.physics.effects.wind import Wind
 from flag_env.physics.integrators import LFAB, RK4, Integrator, Strang
 from flag_env.physics.scene import Scene
 from flag_env.physics.simulator import Simulator
@@ -160,7 +160,7 @@ def check_smooth(scene: Scene) -> None:
 def _excited(scene: Scene) -> Scene:
     """The scene in the wind of the calibration."""
     winds = [effect for effect in scene.effects if isinstance(effect, Wind)]
-    if any(np.any(wind.mean) or np.any(wind.amplitude) for wind in winds):  # type: ignore[attr-defined]
+    if any(np.any(wind.mean) or np.any(wind.amplitude) for wind in winds):
         return scene.replace(allow_unstable=False, timestep="auto")
     wind = winds[0] if winds else CosineWind()
     unit = float(scene.lattice.masses.mean()) if wind.unit == "N" else 1.0 / AIR

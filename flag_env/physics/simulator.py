@@ -16,7 +16,7 @@ from flag_env.physics.reading import Reading
 from flag_env.physics.run import Run
 from flag_env.physics.scene import Scene
 from flag_env.physics.stability import scaled, timestep_of
-from flag_env.physics.state import Diverged, State
+from flag_env.physics.state import State
 from flag_env.physics.threads import processors
 
 
@@ -234,7 +234,7 @@ class Simulator:
         if n == 0:
             return
         self._steps_taken += n
-        if self._run.step(n, None) < self._copies and (failure := self._failure(n)):
+        if self._run.step(n, None) < self._copies and (failure := self._run.failure(n, self.time)):
             raise failure
 
     def reading(self) -> Reading:
@@ -290,17 +290,6 @@ class Simulator:
         if self._present_winds is None:
             self._present_winds = winds(self._scene.effects, self._run.effects)
         return self._present_winds
-
-    def _failure(self, n: int) -> Diverged | None:
-        """What has gone wrong in the last `n` steps, if anything has, or if nothing runs on."""
-        run = self._run
-        new = np.flatnonzero(run.failed_at > 0)
-        if not len(new) and (run.failed_at < 0).any():
-            return None
-        copy = int(new[0]) if len(new) else 0
-        late = n - int(run.failed_at[copy]) if len(new) else 0
-        particle = np.unravel_index(run.failed_particle[copy], self._scene.lattice.shape)
-        return Diverged(self.time - late * self._timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_present_winds": None, "_amplitudes": None}

@@ -21,18 +21,18 @@ def bind(effect, lattice=MOTE, copies=1, timestep=0.01, seed=0, dtype="float64")
 
 
 @jit
-def fill(bound, copy, every, out):
+def fill(turbulence, copy, every, out):
     for k in range(out.shape[0]):
         for _ in range(every):
-            advance_turbulence(bound, copy)
+            advance_turbulence(turbulence, copy)
         for i in range(3):
-            out[k, i] = bound.history[copy, i, bound.head[copy, 0]]
+            out[k, i] = turbulence.history[copy, i, turbulence.head[copy, 0]]
 
 
 def record(effect, samples, timestep=0.01, every=1, seed=0):
     """Turbulence at the mast [m/s], shape (samples, 3)."""
     out = np.empty((samples, 3))
-    fill(bind(effect, timestep=timestep, seed=seed), 0, every, out)
+    fill(bind(effect, timestep=timestep, seed=seed).turbulence, 0, every, out)
     return out
 
 
@@ -91,12 +91,13 @@ def test_the_past_is_as_likely_as_the_future():
     """The ring starts stationary: over many copies its oldest, newest and next numbers have the same variance and correlation."""
     lattice, copies = Lattice(1, 2, 9, 0.25, 0.02), 6000
     bound = bind(GUSTS, lattice, copies, timestep=0.05)
-    head, history = bound.head[0, 0], bound.history
+    turbulence = bound.turbulence
+    head, history = turbulence.head[0, 0], turbulence.history
     old = history[:, :, 0].copy()
     new = history[:, :, head].copy()
     for copy in range(copies):
         bound.advance(bound, copy, 0.05)
-    later = history[np.arange(copies), :, bound.head[:, 0]]
+    later = history[np.arange(copies), :, turbulence.head[:, 0]]
     for values in (old, new, later):
         assert np.all(np.abs((values**2).mean(axis=0) / np.square(GUSTS.intensity) - 1) < 4 * math.sqrt(2 / copies))
     span = head * 0.05

@@ -2,7 +2,7 @@
 
 from flag_env.physics.effects.air_drag import AirDrag
 from flag_env.physics.effects.air_pressure import AirPressure
-from flag_env.physics.effects.base import Effect, Wind
+from flag_env.physics.effects.base import Effect
 from flag_env.physics.effects.bending import Bending
 from flag_env.physics.effects.cosine_wind import CosineWind
 from flag_env.physics.effects.cross_layer import CrossLayer
@@ -15,6 +15,7 @@ from flag_env.physics.effects.springs import LinkEffect
 from flag_env.physics.effects.strain_limit import StrainLimit
 from flag_env.physics.effects.structural import Structural
 from flag_env.physics.effects.tearing import Tearing
+from flag_env.physics.effects.wind import Wind
 
 __all__ = [
     "AirDrag",

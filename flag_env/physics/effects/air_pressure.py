@@ -26,9 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import validate
-from flag_env.physics.effects.base import Setting, Wind
-from flag_env.physics.effects.gusts import BoundGusts, Gusts, advance_phase, air_of_columns, uniform_air
-from flag_env.physics.effects.turbulence import advance_turbulence
+from flag_env.physics.effects.base import Setting
+from flag_env.physics.effects.gusts import Gusts, air_of_columns
+from flag_env.physics.effects.turbulence import Turbulence, advance_turbulence
+from flag_env.physics.effects.wind import Swing, Wind, swing_on, swing_value
 from flag_env.physics.jit import jit, kernel
 from flag_env.physics.lattice import Lattice
 
@@ -94,9 +95,9 @@ def _add_both(f, g, h, n):
 
 
 @jit
-def _press(bound, copy, x, u, f):
+def _press(cloth, copy, x, u, f):
     """Add the forces of all cells, given the air's velocity relative to every particle."""
-    o, w, c = bound.cols, bound.work[copy], bound.constants
+    o, w, c = cloth.cols, cloth.work[copy], cloth.constants
     n = x.shape[1] - o - 1
     _pressure(
         x[0], x[1], x[2],
@@ -107,7 +108,7 @@ def _press(bound, copy, x, u, f):
         u[0, 1:], u[1, 1:], u[2, 1:],
         u[0, o + 1:], u[1, o + 1:], u[2, o + 1:],
         u[0, o:], u[1, o:], u[2, o:],
-        bound.weight, c[0], c[1], c[2], c[3], c[4],
+        cloth.weight, c[0], c[1], c[2], c[3], c[4],
         w[0], w[1], w[2], w[3], w[4], w[5], n,
     )  # fmt: skip
     for d in range(3):
@@ -117,8 +118,8 @@ def _press(bound, copy, x, u, f):
         _add_both(f[d, o + 1 :], w[d], w[d + 3], n)
 
 
-class BoundAirPressure(NamedTuple):
-    """A Wind's rows and a cloth in it.
+class Cloth(NamedTuple):
+    """The cloth in the air.
 
     Attributes
     ----------
@@ -130,79 +131,69 @@ class BoundAirPressure(NamedTuple):
         1/3, C_N + C_L - C_F, C_F, C_L and `TINY`.
     work : (copies, 6, particles)
         Forces of the two triangles of each cell [N].
-    mean, amplitude, frequency, phase : (copies, 3)
-        Of the air: [m/s], [m/s], [rad/s], [rad].
     """
 
     cols: int
     weight: NDArray[Any]
     constants: NDArray[Any]
     work: NDArray[Any]
-    mean: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
-    frequency: NDArray[np.float64]
-    phase: NDArray[np.float64]
+
+
+class BoundAirPressure(NamedTuple):
+    """A cloth in a smooth wind [m/s]."""
+
+    cloth: Cloth
+    wind: Swing
 
     @staticmethod
     def state() -> tuple[str, ...]:
         """Fields that a run changes."""
-        return "mean", "amplitude", "frequency", "phase"
+        return ("wind",)
 
     @staticmethod
     @jit
     def force(bound, copy, x, v, f, scratch, lag):
         """Add the pressure of an air that is the same everywhere."""
         for d in range(3):
-            _relative(v[d], f.dtype.type(uniform_air(bound, copy, d, lag)), scratch[d], x.shape[1])
-        _press(bound, copy, x, scratch, f)
+            _relative(v[d], f.dtype.type(swing_value(bound.wind, copy, d, lag)), scratch[d], x.shape[1])
+        _press(bound.cloth, copy, x, scratch, f)
 
     @staticmethod
     @jit
     def advance(bound, copy, seconds):
         """Move the phase on."""
-        advance_phase(bound, copy, seconds)
+        swing_on(bound.wind, copy, seconds)
 
 
 class BoundGustyAirPressure(NamedTuple):
-    """As `BoundAirPressure`, with the turbulence of `BoundGusts`."""
+    """A cloth in a turbulent wind [m/s]."""
 
-    cols: int
-    weight: NDArray[Any]
-    constants: NDArray[Any]
-    work: NDArray[Any]
-    mean: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
-    frequency: NDArray[np.float64]
-    phase: NDArray[np.float64]
-    delay: NDArray[Any]
-    per_second: Any
-    filter: NDArray[np.float64]
-    level: NDArray[np.float64]
-    history: NDArray[np.float64]
-    head: NDArray[np.int64]
-    generator: NDArray[np.uint64]
+    cloth: Cloth
+    wind: Swing
+    turbulence: Turbulence
 
     @staticmethod
     def state() -> tuple[str, ...]:
-        """Fields that a run changes or that a copy may have its own of."""
-        return BoundGusts.state()
+        """Fields that a run changes."""
+        return "wind", "turbulence"
 
     @staticmethod
     @jit
     def force(bound, copy, x, v, f, scratch, lag):
         """Add the pressure of an air that differs from column to column."""
+        cols, air = bound.cloth.cols, bound.cloth.work[copy, 0]
         for d in range(3):
-            air_of_columns(bound, copy, d, lag, bound.work[copy, 0])
-            for first in range(0, x.shape[1], bound.cols):
-                _relative_of_columns(v[d, first:], bound.work[copy, 0], scratch[d, first:], bound.cols)
-        _press(bound, copy, x, scratch, f)
+            air_of_columns(bound.wind, bound.turbulence, copy, d, lag, air)
+            for first in range(0, x.shape[1], cols):
+                _relative_of_columns(v[d, first:], air, scratch[d, first:], cols)
+        _press(bound.cloth, copy, x, scratch, f)
 
     @staticmethod
     @jit
     def advance(bound, copy, seconds):
         """Move the phase on and draw the next step's turbulence."""
-        advance_phase(bound, copy, seconds)
-        advance_turbulence(bound, copy)
+        swing_on(bound.wind, copy, seconds)
+        advance_turbulence(bound.turbulence, copy)
 
 
 @dataclass(frozen=True)
@@ -240,8 +231,7 @@ class AirPressure(Wind):
     gusts: Gusts | None = None
 
     def __post_init__(self) -> None:
-        for name in ("mean", "amplitude", "frequency", "phase"):
-            object.__setattr__(self, name, validate.vector(name, getattr(self, name)))
+        super().__post_init__()
         for name in ("density", "normal", "lift", "friction", "max_speed"):
             object.__setattr__(self, name, validate.number(name, getattr(self, name), minimum=0.0))
         if self.gusts is not None and not isinstance(self.gusts, Gusts):
@@ -289,7 +279,7 @@ class AirPressure(Wind):
         along = self.normal + self.lift - self.friction
         constants = np.array([1.0 / 3.0, along, self.friction, self.lift, TINY], dtype)
         work = np.zeros((setting.copies, 6, lattice.size), dtype)
-        values = (self.mean, self.amplitude, self.frequency, self.phase)
-        rows = (np.tile(np.array(value), (setting.copies, 1)) for value in values)
-        smooth = BoundAirPressure(lattice.cols, weight, constants, work, *rows)
-        return smooth if self.gusts is None else BoundGustyAirPressure(*smooth, *self.gusts.turbulence(setting))
+        cloth, wind = Cloth(lattice.cols, weight, constants, work), self.swing(setting.copies)
+        if self.gusts is None:
+            return BoundAirPressure(cloth, wind)
+        return BoundGustyAirPressure(cloth, wind, self.gusts.turbulence(setting))

@@ -108,15 +108,3 @@ class Effect:
         """The same effect with its stiffness and viscosity multiplied; unchanged where it has none."""
         del stiffness, viscosity
         return self
-
-
-class Wind(Effect):
-    """An effect whose bound form carries `mean`, `amplitude`, `frequency` and `phase`, each (copies, 3), which a run may change.
-
-    Attributes
-    ----------
-    unit
-        Of mean and amplitude: "N", a force on every free particle, or "m/s", a velocity of the air.
-    """
-
-    unit: ClassVar[str] = "N"

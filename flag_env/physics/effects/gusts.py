@@ -29,8 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import validate
-from flag_env.physics.effects.base import Setting, Wind
+from flag_env.physics.effects.base import Setting
 from flag_env.physics.effects.turbulence import Turbulence, advance_turbulence, filter_coefficients, stationary_past
+from flag_env.physics.effects.wind import Swing, Wind, swing_on, swing_value
 from flag_env.physics.jit import jit, kernel
 from flag_env.physics.lattice import Lattice
 
@@ -42,25 +43,12 @@ _STREAM = 0x67757374
 
 
 @jit
-def uniform_air(bound, copy, i, lag):
-    """Mean and swinging part of the air's velocity along axis i [m/s]."""
-    angle = bound.phase[copy, i] + bound.frequency[copy, i] * lag
-    return bound.mean[copy, i] + bound.amplitude[copy, i] * math.cos(angle)
-
-
-@jit
-def advance_phase(bound, copy, seconds):
-    """Move the phase on."""
-    for i in range(bound.phase.shape[1]):
-        bound.phase[copy, i] += bound.frequency[copy, i] * seconds
-
-
-@jit
-def air_of_columns(bound, copy, i, lag, out):
+def air_of_columns(wind, turbulence, copy, i, lag, out):
     """Write the air's velocity along axis i at every column [m/s] to the start of `out`."""
-    share = min(max(lag * bound.per_second, 0.0), 1.0)
-    air = uniform_air(bound, copy, i, lag)
-    _interpolate(bound.history[copy, i], bound.head[copy, 0], bound.delay, share, air, out, len(bound.delay))
+    share = min(max(lag * turbulence.per_second, 0.0), 1.0)
+    air = swing_value(wind, copy, i, lag)
+    delay = turbulence.delay
+    _interpolate(turbulence.history[copy, i], turbulence.head[copy, 0], delay, share, air, out, len(delay))
 
 
 @kernel
@@ -86,7 +74,7 @@ def _push(f, rate, air, n):
 
 
 class BoundGusts(NamedTuple):
-    """A Wind's rows and turbulence.
+    """A smooth wind and its turbulence.
 
     Attributes
     ----------
@@ -94,50 +82,29 @@ class BoundGusts(NamedTuple):
         Of the scene's coordinates.
     push : (particles,)
         Rate times mass [kg/s].
-    mean, amplitude, frequency, phase : (copies, 3)
-        [m/s], [m/s], [rad/s], [rad].
-    delay : (cols,)
-        How much later than the mast a column sees a gust [steps].
-    per_second
-        Steps in a second.
-    filter : (copies, 3, 8)
-        Transition p11, p21, p22, noise n11, n21, n22 and output o1, o2 of each axis.
-    level : (copies, 3, 2)
-        The filters' states.
-    history : (copies, 3, length)
-        Ring of the turbulence at the mast [m/s].
-    head : (copies, 1)
-        Where in the ring the end of the present step is.
-    generator : (copies, 1)
-        State of each copy's stream.
+    wind
+        The air's velocity but for the turbulence [m/s].
+    turbulence
+        See `Turbulence`.
     """
 
     axes: NDArray[np.int64]
     push: NDArray[Any]
-    mean: NDArray[np.float64]
-    amplitude: NDArray[np.float64]
-    frequency: NDArray[np.float64]
-    phase: NDArray[np.float64]
-    delay: NDArray[Any]
-    per_second: Any
-    filter: NDArray[np.float64]
-    level: NDArray[np.float64]
-    history: NDArray[np.float64]
-    head: NDArray[np.int64]
-    generator: NDArray[np.uint64]
+    wind: Swing
+    turbulence: Turbulence
 
     @staticmethod
     def state() -> tuple[str, ...]:
-        """Fields that a run changes or that a copy may have its own of."""
-        return "mean", "amplitude", "frequency", "phase", "filter", "level", "history", "head", "generator"
+        """Fields that a run changes."""
+        return "wind", "turbulence"
 
     @staticmethod
     @jit
     def force(bound, copy, x, v, f, scratch, lag):
         """Add rate times mass times the air's velocity, column by column."""
-        cols = len(bound.delay)
+        cols = len(bound.turbulence.delay)
         for d in range(f.shape[0]):
-            air_of_columns(bound, copy, bound.axes[d], lag, scratch[0])
+            air_of_columns(bound.wind, bound.turbulence, copy, bound.axes[d], lag, scratch[0])
             for first in range(0, f.shape[1], cols):
                 _push(f[d, first:], bound.push[first:], scratch[0], cols)
 
@@ -145,8 +112,8 @@ class BoundGusts(NamedTuple):
     @jit
     def advance(bound, copy, seconds):
         """Move the phase on and draw the next step's turbulence."""
-        advance_phase(bound, copy, seconds)
-        advance_turbulence(bound, copy)
+        swing_on(bound.wind, copy, seconds)
+        advance_turbulence(bound.turbulence, copy)
 
 
 @dataclass(frozen=True)
@@ -191,8 +158,7 @@ class Gusts(Wind):
             if min(triple) < 0 or (name == "scale" and min(triple) == 0):
                 raise ValueError(f"{name} must be {'> 0' if name == 'scale' else '>= 0'} along every axis, got {value!r}")
             object.__setattr__(self, name, triple)
-        for name in ("mean", "amplitude", "frequency", "phase"):
-            object.__setattr__(self, name, validate.vector(name, getattr(self, name)))
+        super().__post_init__()
         object.__setattr__(self, "speed", validate.number("speed", self.speed, above=0.0))
         object.__setattr__(self, "rate", validate.number("rate", self.rate, minimum=0.0))
         validate.choice("spectrum", self.spectrum, ("dryden", "ou"))
@@ -259,7 +225,4 @@ class Gusts(Wind):
     def bind(self, setting: Setting) -> BoundGusts:
         """Air and turbulence in float64, forces in the scene's dtype."""
         push = (self.rate * setting.lattice.masses).astype(setting.dtype)
-        values = (self.mean, self.amplitude, self.frequency, self.phase)
-        mean, amplitude, frequency, phase = (np.tile(np.array(value), (setting.copies, 1)) for value in values)
-        axes = np.array(setting.lattice.axes)
-        return BoundGusts(axes, push, mean, amplitude, frequency, phase, *self.turbulence(setting))
+        return BoundGusts(np.array(setting.lattice.axes), push, self.swing(setting.copies), self.turbulence(setting))

@@ -20,7 +20,25 @@ _STATIONARY = np.linalg.cholesky(np.array([[0.5, 0.25], [0.25, 0.25]]))
 
 
 class Turbulence(NamedTuple):
-    """What `BoundGusts` holds of it, in its order."""
+    """Turbulence at the mast, which every column sees later.
+
+    Attributes
+    ----------
+    delay : (cols,)
+        How much later than the mast a column sees a gust [steps].
+    per_second
+        Steps in a second.
+    filter : (copies, 3, 8)
+        Transition p11, p21, p22, noise n11, n21, n22 and output o1, o2 of each axis.
+    level : (copies, 3, 2)
+        The filters' states.
+    history : (copies, 3, length)
+        Ring of the turbulence at the mast [m/s].
+    head : (copies, 1)
+        Where in the ring the end of the present step is.
+    generator : (copies, 1)
+        State of each copy's stream.
+    """
 
     delay: NDArray[Any]
     per_second: Any
@@ -29,6 +47,11 @@ class Turbulence(NamedTuple):
     history: NDArray[np.float64]
     head: NDArray[np.int64]
     generator: NDArray[np.uint64]
+
+    @staticmethod
+    def state() -> tuple[str, ...]:
+        """Fields that a run changes or that a copy may have its own of."""
+        return "filter", "level", "history", "head", "generator"
 
 
 @jit
@@ -42,18 +65,18 @@ def _uniform(generator, copy):
 
 
 @jit
-def advance_turbulence(bound, copy):
+def advance_turbulence(turbulence, copy):
     """Draw the turbulence of the next step and move the ring's head on to it."""
-    head = (bound.head[copy, 0] + 1) % bound.history.shape[2]
+    head = (turbulence.head[copy, 0] + 1) % turbulence.history.shape[2]
     for i in range(3):
-        radius = math.sqrt(-2.0 * math.log(1.0 - _uniform(bound.generator, copy)))
-        angle = 2.0 * math.pi * _uniform(bound.generator, copy)
+        radius = math.sqrt(-2.0 * math.log(1.0 - _uniform(turbulence.generator, copy)))
+        angle = 2.0 * math.pi * _uniform(turbulence.generator, copy)
         e1, e2 = radius * math.cos(angle), radius * math.sin(angle)
-        c, level = bound.filter[copy, i], bound.level[copy, i]
+        c, level = turbulence.filter[copy, i], turbulence.level[copy, i]
         level[1] = c[1] * level[0] + c[2] * level[1] + c[4] * e1 + c[5] * e2
         level[0] = c[0] * level[0] + c[3] * e1
-        bound.history[copy, i, head] = c[6] * level[0] + c[7] * level[1]
-    bound.head[copy, 0] = head
+        turbulence.history[copy, i, head] = c[6] * level[0] + c[7] * level[1]
+    turbulence.head[copy, 0] = head
 
 
 def filter_coefficients(step: float, lateral: bool, intensity: float) -> NDArray[np.float64]:
