@@ -20,8 +20,9 @@ What a bound integrator has: `seconds`, its timestep; `rows()`, how many rows of
 `start(...)`, if it has one
     makes `v` and `memory` ready for a first step from velocities at the instant of the positions.
 
-Arrays: `x, v, f` (coordinates, particles); `scratch` (3, particles); `inverse_mass` (particles,), zero where pinned; `memory`
-(rows, coordinates, particles), kept for each copy and part of its state; `work` (rows, 3, particles), not kept.
+Arrays: `x, v, f` (coordinates, particles); `scratch` (6, 2 particles), which holds anything; `inverse_mass` (particles,), zero
+where pinned; `memory` (rows, coordinates, particles), kept for each copy and part of its state; `work` (rows, 3, particles), not
+kept.
 
 Called from plain Python (`NUMBA_DISABLE_JIT=1`) the same functions are ordinary loops: the tests' oracle.
 """

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flag_env.physics import placed
 from flag_env.physics.bound import bind, rebind
 from flag_env.physics.compose import compiled_run
 from flag_env.physics.coordinates import Coordinates
@@ -70,13 +71,18 @@ class Run:
         self._pinned = np.flatnonzero(lattice.fixed)
         self._inverse_mass = np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(self._dtype)
         start = _start(scene, copies, seed)[:, self.coordinates.axes]
-        self.x = np.ascontiguousarray(start, self._dtype)
-        self.v = np.zeros_like(self.x)
+        self.x = placed.zeros(0, start.shape, self._dtype)
+        self.x[:] = start
+        self.v = placed.zeros(1, start.shape, self._dtype)
         self.mast = np.ascontiguousarray(start[:, :, self._pinned])
         memory_rows, work_rows = self.method.rows()
-        self.memory = np.zeros((copies, memory_rows, *self.x.shape[1:]), self._dtype)
-        room = (self._threads.count, 2 + work_rows, 3, lattice.size)
-        self._work = [(work[0, : self.x.shape[1]], work[1], work[2:]) for work in np.zeros(room, self._dtype)]
+        self.memory = placed.zeros(2, (copies, memory_rows, *start.shape[1:]), self._dtype)
+        scratch = (6, placed.pitch(2 * lattice.size, self._dtype))
+        shapes = (start.shape[1:], scratch, (work_rows, 3, lattice.size))
+        self._work = [
+            tuple(placed.zeros(place, shape, self._dtype) for place, shape in enumerate(shapes, start=3))
+            for _ in range(self._threads.count)
+        ]
         self._axes = np.array(lattice.axes)
         self._unread = np.zeros((0, 0))
         self.stepped = np.zeros(copies, bool)

@@ -94,7 +94,8 @@ def compiled(effects, copy, x, v, f, scratch, inverse_mass, seconds, lag):
 def act(effect, x, v, dtype="float64", lattice=None):
     """Positions and velocities after the corrections, and the forces there, each (particles, 3)."""
     bound, inverse_mass = bound_to(effect, dtype, lattice)
-    f, scratch = np.full((2, 3, len(inverse_mass)), np.nan, dtype)
+    size = len(inverse_mass)
+    f, scratch = np.full((3, size), np.nan, dtype), np.full((6, 2 * size), np.nan, dtype)
     x, v = (np.array(np.reshape(a, (-1, 3)).T, dtype, order="C") for a in (x, v))
     compiled(bound, 1, x, v, f, scratch, inverse_mass, H, LAG)
     assert x.dtype == v.dtype == f.dtype == dtype
@@ -132,7 +133,7 @@ from flag_env.physics import compose
 assert numba.config.DISABLE_JIT
 result = []
 for bound, inverse_mass, dtype, x, v in pickle.load(open({str(folder / "cases")!r}, "rb")):
-    f, scratch = np.full((2, 3, len(x)), np.nan, dtype)
+    f, scratch = np.full((3, len(x)), np.nan, dtype), np.full((6, 2 * len(x)), np.nan, dtype)
     x, v = (np.array(a.T, dtype, order="C") for a in (x, v))
     with np.errstate(all="ignore"):
         compose.project(bound, 1, x, v, scratch, inverse_mass, {H})

@@ -47,6 +47,12 @@ class Dampers(NamedTuple):
 
 
 @kernel
+def _clear(g, n):
+    for t in range(n):
+        g[t] = 0
+
+
+@kernel
 def _add(f, g, n):
     for t in range(n):
         f[t] += g[t]
@@ -58,9 +64,61 @@ def _subtract(f, g, n):
         f[t] -= g[t]
 
 
+@kernel
+def _gather(f, g, far_g, n):
+    for t in range(n):
+        f[t] = f[t] + g[t] - far_g[t]
+
+
+@kernel
+def _gather_two(f, g, far_g, h, far_h, n):
+    for t in range(n):
+        f[t] = f[t] + g[t] - far_g[t] + h[t] - far_h[t]
+
+
 @jit
-def scatter(f, scratch, offset, n):
-    """Add the links' forces to their first particles, subtract them from their second."""
+def _near(offset, particles):
+    """Whether a family's zeros are few beside its links."""
+    return 5 * offset <= particles
+
+
+@jit
+def pad(g, coordinates, offset, particles):
+    """Make rows of scratch ready for the forces of a family on its links' first particles, which are to begin at entry `offset`.
+
+    With `offset` zeros before and behind, the same rows read from entry 0 are the forces from which the second particles suffer.
+    """
+    if _near(offset, particles):
+        for d in range(coordinates):
+            _clear(g[d], offset)
+            _clear(g[d, particles:], offset)
+
+
+@jit
+def _add_family(f, g, offset):
+    n = f.shape[1]
     for d in range(f.shape[0]):
-        _add(f[d], scratch[d], n)
-        _subtract(f[d, offset:], scratch[d], n)
+        if _near(offset, n):
+            _gather(f[d], g[d, offset:], g[d], n)
+        else:
+            _add(f[d], g[d, offset:], n - offset)
+            _subtract(f[d, offset:], g[d, offset:], n - offset)
+
+
+@jit
+def gather(f, scratch, offset, j):
+    """Add the forces of family `j` to the links' first particles and subtract them from the second.
+
+    Two families at a time, the first in scratch's rows 0 to 2, the second in 3 to 5: one look at the sums serves both.
+    """
+    n, o = f.shape[1], offset[j]
+    if j % 2 == 1:
+        p = offset[j - 1]
+        if _near(o, n) and _near(p, n):
+            for d in range(f.shape[0]):
+                _gather_two(f[d], scratch[d, p:], scratch[d], scratch[d + 3, o:], scratch[d + 3], n)
+        else:
+            _add_family(f, scratch, p)
+            _add_family(f, scratch[3:], o)
+    elif j + 1 == offset.shape[0]:
+        _add_family(f, scratch, o)

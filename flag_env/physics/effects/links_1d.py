@@ -5,7 +5,7 @@ F = w [k (z2 - z1) + z (w2 - w1)]: no length and no root. Both kinds of damping 
 
 from __future__ import annotations
 
-from flag_env.physics.effects.links import Dampers, Springs, scatter
+from flag_env.physics.effects.links import Dampers, Springs, gather, pad
 from flag_env.physics.jit import jit, kernel
 
 
@@ -32,13 +32,15 @@ class Elastic1(Springs):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 1, o, x.shape[1])
             _elastic(
                 x[0],
                 x[0, o:],
                 weight[j], bound.stiffness,
-                scratch[0], n,
+                g[0, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)
 
 
 class Damped1(Dampers):
@@ -52,10 +54,12 @@ class Damped1(Dampers):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 1, o, x.shape[1])
             _damped(
                 x[0], v[0],
                 x[0, o:], v[0, o:],
                 weight[j], bound.stiffness, bound.viscosity,
-                scratch[0], n,
+                g[0, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)

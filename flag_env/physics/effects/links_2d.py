@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flag_env.physics.effects.links import Dampers, Springs, scatter
+from flag_env.physics.effects.links import Dampers, Springs, gather, pad
 from flag_env.physics.jit import jit, kernel
 
 
@@ -52,13 +52,15 @@ class Elastic2(Springs):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 2, o, x.shape[1])
             _elastic(
                 x[0], x[1],
                 x[0, o:], x[1, o:],
                 weight[j], bound.stiffness, bound.tension[j], bound.tiny,
-                scratch[0], scratch[1], n,
+                g[0, o:], g[1, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)
 
 
 class Isotropic2(Dampers):
@@ -72,13 +74,15 @@ class Isotropic2(Dampers):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 2, o, x.shape[1])
             _isotropic(
                 x[0], x[1], v[0], v[1],
                 x[0, o:], x[1, o:], v[0, o:], v[1, o:],
                 weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
-                scratch[0], scratch[1], n,
+                g[0, o:], g[1, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)
 
 
 class Axial2(Dampers):
@@ -92,10 +96,12 @@ class Axial2(Dampers):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 2, o, x.shape[1])
             _axial(
                 x[0], x[1], v[0], v[1],
                 x[0, o:], x[1, o:], v[0, o:], v[1, o:],
                 weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
-                scratch[0], scratch[1], n,
+                g[0, o:], g[1, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flag_env.physics.effects.links import Dampers, Springs, scatter
+from flag_env.physics.effects.links import Dampers, Springs, gather, pad
 from flag_env.physics.jit import jit, kernel
 
 
@@ -58,13 +58,15 @@ class Elastic3(Springs):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 3, o, x.shape[1])
             _elastic(
                 x[0], x[1], x[2],
                 x[0, o:], x[1, o:], x[2, o:],
                 weight[j], bound.stiffness, bound.tension[j], bound.tiny,
-                scratch[0], scratch[1], scratch[2], n,
+                g[0, o:], g[1, o:], g[2, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)
 
 
 class Isotropic3(Dampers):
@@ -78,13 +80,15 @@ class Isotropic3(Dampers):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 3, o, x.shape[1])
             _isotropic(
                 x[0], x[1], x[2], v[0], v[1], v[2],
                 x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
                 weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
-                scratch[0], scratch[1], scratch[2], n,
+                g[0, o:], g[1, o:], g[2, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)
 
 
 class Axial3(Dampers):
@@ -98,10 +102,12 @@ class Axial3(Dampers):
         for j in range(bound.offset.shape[0]):
             o = bound.offset[j]
             n = x.shape[1] - o
+            g = scratch[3 * (j % 2) :]
+            pad(g, 3, o, x.shape[1])
             _axial(
                 x[0], x[1], x[2], v[0], v[1], v[2],
                 x[0, o:], x[1, o:], x[2, o:], v[0, o:], v[1, o:], v[2, o:],
                 weight[j], bound.stiffness, bound.tension[j], bound.viscosity, bound.tiny,
-                scratch[0], scratch[1], scratch[2], n,
+                g[0, o:], g[1, o:], g[2, o:], n,
             )  # fmt: skip
-            scatter(f, scratch, o, n)
+            gather(f, scratch, bound.offset, j)
