@@ -40,7 +40,7 @@ class Task:
 
 def learning_envs(task: Task, count: int, split: str) -> VecEnv:
     """Flags of a split, for stable-baselines3; they can be pickled in mid-episode, which checkpoints rely on."""
-    return FlagSB3VecEnv(count, task.env_id, split=split, **task.arguments)
+    return FlagSB3VecEnv(count, task.env_id, split=split, control=task.control, level=task.level, accuracy=task.accuracy)
 
 
 def evaluation_envs(task: Task, count: int, split: str) -> VectorEnv:

@@ -10,7 +10,9 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from flag_env.envs.batch import EPISODE_STEPS
 from flag_env.envs.vector import FlagGoalVectorEnv, FlagVectorEnv
+from flag_env.physics import Scene, validate
 
 KINDS = {
     "Flag-v0": (FlagVectorEnv, None),
@@ -28,17 +30,36 @@ class FlagSB3VecEnv(VecEnv):
         Number of flags.
     env_id
         "Flag-v0", "FlagGoal-v0" or "FlagGoalDense-v0".
-    **kwargs
+    reward
+        None: the id's own.
+    max_episode_steps, threads
         See `FlagVectorEnv`.
+    control, level, split, scene, tolerance, render_mode, width, height, accuracy
+        See `FlagEnv`.
     """
 
-    def __init__(self, num_envs: int, env_id: str = "Flag-v0", **kwargs: Any) -> None:
-        if env_id not in KINDS:
-            raise ValueError(f"env_id must be one of {', '.join(map(repr, KINDS))}, got {env_id!r}")
-        kind, reward = KINDS[env_id]
-        if reward is not None:
-            kwargs.setdefault("reward", reward)
-        self.env = kind(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
+    def __init__(
+        self,
+        num_envs: int,
+        env_id: str = "Flag-v0",
+        max_episode_steps: int = EPISODE_STEPS,
+        threads: int | None = None,
+        control: str = "wind",
+        level: str = "breeze",
+        split: str = "train",
+        scene: Scene | str = "flag",
+        tolerance: float = 0.05,
+        reward: str | None = None,
+        render_mode: str | None = None,
+        width: int = 480,
+        height: int = 480,
+        accuracy: str | float | None = None,
+    ) -> None:
+        kind, own_reward = KINDS[validate.choice("env_id", env_id, KINDS)]
+        self.env = kind(
+            num_envs, max_episode_steps, AutoresetMode.SAME_STEP, threads, control, level, split, scene, tolerance,
+            own_reward if reward is None else reward, render_mode, width, height, accuracy,
+        )  # fmt: skip
         self._attributes: list[dict[str, Any]] = [{} for _ in range(num_envs)]
         self._actions: NDArray[Any] = np.zeros(0)
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
@@ -49,12 +70,12 @@ class FlagSB3VecEnv(VecEnv):
         seeds = list(self._seeds)
         if all(option == options[0] for option in options):
             observation, info = self.env.reset(seed=seeds, options=options[0])
-            self.reset_infos = _singles(info, self.num_envs)
+            self.reset_infos = _singles(info, np.arange(self.num_envs))
         else:
             for copy, option in enumerate(options):
                 mask = np.arange(self.num_envs) == copy
                 observation, info = self.env.reset(seed=seeds, options={"reset_mask": mask, **option})
-                self.reset_infos[copy] = _singles(info, self.num_envs)[copy]
+                [self.reset_infos[copy]] = _singles(info, np.array([copy]))
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -67,12 +88,12 @@ class FlagSB3VecEnv(VecEnv):
         """Take one control step of every flag."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         done = terminated | truncated
-        infos = _singles(info, self.num_envs)
+        infos = _singles(info, np.arange(self.num_envs))
         if done.any():
-            last = _singles(info["final_info"], self.num_envs)
-            for copy in np.flatnonzero(done).tolist():
-                self.reset_infos[copy], infos[copy] = infos[copy], last[copy]
-                infos[copy]["terminal_observation"] = info["final_obs"][copy]
+            ended = np.flatnonzero(done)
+            for copy, last in zip(ended.tolist(), _singles(info["final_info"], ended), strict=True):
+                self.reset_infos[copy], infos[copy] = infos[copy], last
+                last["terminal_observation"] = info["final_obs"][copy]
         for single, cut in zip(infos, (truncated & ~terminated).tolist(), strict=True):
             single["TimeLimit.truncated"] = cut
         return observation, reward.astype(np.float32), done, infos
@@ -106,15 +127,15 @@ class FlagSB3VecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def _singles(info: dict[str, Any], count: int) -> list[dict[str, Any]]:
-    """Each copy's info, as the single environment gives it."""
-    result: list[dict[str, Any]] = [{} for _ in range(count)]
-    for name, value in info.items():
-        if name.startswith(("_", "final_")):
-            continue
-        entries = _singles(value, count) if isinstance(value, dict) else value.tolist()
-        present = info[f"_{name}"].tolist()
-        for single, entry, there in zip(result, entries, present, strict=True):
-            if there:
-                single[name] = entry
+def _singles(info: dict[str, Any], copies: NDArray[np.intp]) -> list[dict[str, Any]]:
+    """The infos of these copies, each as the single environment gives it."""
+    names = [name for name in info if not name.startswith(("_", "final_"))]
+    if not names:
+        return [{} for _ in copies]
+    entries = (info[name] for name in names)
+    columns = [_singles(entry, copies) if isinstance(entry, dict) else entry[copies].tolist() for entry in entries]
+    result = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+    for name in names:
+        for row in np.flatnonzero(~info[f"_{name}"][copies]).tolist():
+            del result[row][name]
     return result

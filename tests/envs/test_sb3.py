@@ -1,5 +1,7 @@
 """`FlagSB3VecEnv` equals SB3's own `DummyVecEnv`, and SB3's algorithms learn on it."""
 
+import inspect
+
 import gymnasium
 import numpy as np
 import pytest
@@ -8,7 +10,9 @@ from stable_baselines3 import PPO, SAC, HerReplayBuffer
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import flag_env  # noqa: F401
+from flag_env.envs.batch import Settings
 from flag_env.envs.sb3 import FlagSB3VecEnv
+from flag_env.envs.vector import FlagVectorEnv
 
 
 @pytest.mark.parametrize("env_id", ["Flag-v0", "FlagGoal-v0", "FlagGoalDense-v0"])
@@ -29,6 +33,47 @@ def test_equals_dummy_vec_env(env_id):
         for part, (a, b) in enumerate(zip(mine, other, strict=True)):
             assert same(a, b), (part, a, b)
         assert same(ours.reset_infos, theirs.reset_infos)
+
+
+def test_equals_dummy_vec_env_where_flags_end_apart():
+    ours = FlagSB3VecEnv(3, max_episode_steps=4)
+    theirs = DummyVecEnv([lambda: gymnasium.make("Flag-v0", max_episode_steps=4)] * 3)
+    for env in (ours, theirs):
+        env.seed(4)
+        env.reset()
+    action = np.full((3, 3), 0.5, np.float32)
+    ours.step(action)
+    theirs.step(action)
+    ours.env.reset(options={"reset_mask": np.array([False, True, False])})  # one step behind the others from now on
+    theirs.envs[1].reset()
+    ended = []
+    for _ in range(9):
+        mine, other = ours.step(action), theirs.step(action)
+        assert all(same(a, b) for a, b in zip(mine, other, strict=True))
+        assert same(ours.reset_infos, theirs.reset_infos)
+        ended.append(mine[2].tolist())
+    assert [True, False, True] in ended
+    assert [False, True, False] in ended
+
+
+def test_takes_every_argument_of_the_vector_environment():
+    ours, theirs = (dict(inspect.signature(kind).parameters) for kind in (FlagSB3VecEnv, FlagVectorEnv))
+    del ours["env_id"], theirs["autoreset_mode"]
+    for parameters in (ours, theirs):
+        assert parameters.pop("num_envs").kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
+    assert ours == theirs
+    env = FlagSB3VecEnv(
+        2, "FlagGoal-v0", max_episode_steps=7, threads=1, control="mast", level="calm", split="test", scene="two_layer_flag",
+        tolerance=0.04, reward="dense", render_mode="rgb_array", width=64, height=48, accuracy="fast",
+    )  # fmt: skip
+    assert env.env._batch.settings == Settings("mast", "calm", "test", "two_layer_flag", 0.04, "fast")
+    env.reset()
+    assert [frame.shape for frame in env.get_images()] == [(48, 64, 3)] * 2
+    steps = [env.step(np.zeros((2, 5), np.float32)) for _ in range(7)]
+    assert [step[2].all() for step in steps] == [False] * 6 + [True]
+    assert not {0.0, -1.0} & set(steps[0][1].tolist())
+    with pytest.raises(ValueError, match="threads must be at least 1, got 0"):
+        FlagSB3VecEnv(2, threads=0)
 
 
 def test_each_flag_takes_options_of_its_own():
