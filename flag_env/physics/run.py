@@ -6,9 +6,9 @@ each is stepped by itself, so its bits do not depend on how many there are nor o
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ _SERIAL = 20_000
 """Particle-steps below which waking threads costs more than it gains."""
 
 _BLOCKS = 4
-"""Blocks of copies for each thread: whoever is done takes the next, so that no thread waits long for one that was held up."""
+"""Blocks of copies for each thread: who is done takes over some of the others', so that none waits long for one held up."""
 
 
 class Run:
@@ -121,13 +121,10 @@ class Run:
             return self._share(steps, into, 0, copies)
         blocks = min(copies, _BLOCKS * threads)
         ends = [block * copies // blocks for block in range(blocks + 1)]
-        turn = itertools.count()
+        shares = [deque(range(i * blocks // threads, (i + 1) * blocks // threads)) for i in range(threads)]
 
         def work(thread: int) -> int:
-            healthy = 0
-            while (block := next(turn)) < blocks:
-                healthy += self._share(steps, into, ends[block], ends[block + 1], thread)
-            return healthy
+            return sum(self._share(steps, into, ends[i], ends[i + 1], thread) for i in _turns(shares, thread))
 
         return sum(self._threads.run(work, threads))
 
@@ -163,6 +160,17 @@ class Run:
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "entry": None, "_arguments": [], "_pull": None}
+
+
+def _turns(shares: list[deque[int]], thread: int) -> Iterator[int]:
+    """Blocks for a thread: first its own, the same each time and so still in its core's cache; then the last of the others."""
+    own = shares[thread]
+    for share in (own, *(other for other in shares if other is not own)):
+        while share:
+            try:
+                yield share.popleft() if share is own else share.pop()
+            except IndexError:  # another thread was quicker
+                break
 
 
 def _start(scene: Scene, copies: int, seed: int) -> NDArray[np.float64]:
