@@ -1,7 +1,8 @@
 """What accuracy costs in time.
 
 Time: error against a reference solution and wall time of the same run, for every integrator, several timesteps and both dtypes,
-on three scenes (`work_precision`, `reference`, `energy_budget`), with the accuracy presets of `Scene.tuned`. Space: one flag on
+on the environments' flag, also on the coarser lattice of "fast", and three other scenes (`work_precision`, `reference`,
+`energy_budget`), with the accuracy presets of `Scene.tuned`. Space: one flag on
 ever finer lattices (`refinement`). Horizon: how fast errors grow, and, where they do, what a flag does on average beyond
 (`horizon`).
 
@@ -22,20 +23,26 @@ from tqdm import tqdm
 from flag_env.physics import Scene
 from flag_env.physics.integrators import LFAB, Implicit, Leapfrog, Strang
 from flag_env.studies import accuracy_figure, horizon, refinement, report, work_precision
-from flag_env.studies.accuracy_scenes import METHODS, scenes, stepped
+from flag_env.studies.accuracy_scenes import ENVIRONMENT, METHODS, scenes, stepped
 from flag_env.studies.parts import Parts
 
 STANDARD = "LFAB, half its limit"
 """The run whose averages the others are held against."""
 
 LATEST = 90.0
-"""Time by which the averages begin even where the horizon is further off [s]."""
+"""Horizon beyond which a scene's paths can be compared for as long as anyone will look [s]."""
 
 QUICK_LEFT_OUT = ("explicit Euler", "leapfrog (half kick)")
 """Methods that a quick run does not measure."""
 
+QUICK_SCENES = ("Flag-v0", "calm", "gusty")
+"""Scenes that a quick run measures: the reference solution of the other one takes half a minute."""
+
 QUICK_SINGLE = ("LFAB", "RK4")
 """Methods that a quick run measures in float32 too."""
+
+_NAMED = ("scene", "lattice", "method", "dtype", "share of limit")
+"""What tells rows apart."""
 
 _SOURCES = ("accuracy", "accuracy_scenes", "energy_budget", "horizon", "reference", "refinement", "work_precision")
 
@@ -45,30 +52,31 @@ def run(output: Path, quick: bool) -> None:
     here = Path(__file__).parent
     sources = tuple(here / f"{name}.py" for name in _SOURCES)
     parts = Parts(output / "accuracy.parts.json", sources, quick=quick)
-    chosen = scenes()
+    chosen = {name: scene for name, scene in scenes().items() if name in QUICK_SCENES or not quick}
     sizes = refinement.SIZES[:3] if quick else refinement.SIZES
     with tqdm(desc="accuracy", unit="run", total=0) as bar:
         rows = _work(parts, chosen, quick, bar)
         found = _all(parts, bar, {f"lattice {size}": partial(refinement.poses, *size) for size in sizes})
         space = refinement.table(list(found.values()), sizes)
-        seconds = 3.0 if quick else 12.0
+        seconds = 3.0 if quick else 60.0
         grown = _all(parts, bar, {f"growth {name}": partial(horizon.growth, scene, seconds) for name, scene in chosen.items()})
         growths = dict(zip(chosen, grown.values(), strict=True))
         averages = _averages(parts, chosen, growths, quick, bar)
     by_scene = {name: [row for row in rows if row["scene"] == name] for name in chosen}
     gain = work_precision.gain(by_scene["gusty"])
-    excess = {name: work_precision.excess(own) for name, own in by_scene.items()}
+    leads = {name: work_precision.lead(own) for name, own in by_scene.items()}
     figure = accuracy_figure.draw(rows, space, growths, averages)
     brief = [{key: value for key, value in row.items() if not isinstance(value, list)} for row in rows]
-    details = {"space": space, "growth": growths, "averages": averages, "presets over the front": excess, "gain": gain}
-    report.write(output, "accuracy", brief, figure, times=work_precision.TIMES, errors=rows, **details)
+    errors = [{key: row[key] for key in (*_NAMED, "RMS errors [m]", "worst errors [m]")} for row in rows]
+    details = {"space": space, "growth": growths, "averages": averages, "leads of presets": leads, "gain": gain}
+    report.write(output, "accuracy", brief, figure, times=work_precision.TIMES, errors=errors, **details)
     print(report.table(space))
     if averages:
         print(report.table(averages))
     for name, grown in growths.items():
         until = f"1e-9 m becomes 1 mm after {grown['horizon']:.3g} s" if grown["horizon"] else "errors die out"
-        costs = ", ".join(f"{preset} {factor:.2f}" for preset, factor in excess[name].items())
-        print(f"{name}: errors grow at {grown['rate']:.2f} /s; {until}; time of presets over the front's: {costs}")
+        costs = ", ".join(f"{preset} {factor:.2f}" for preset, factor in leads[name].items())
+        print(f"{name}: errors grow at {grown['rate']:.2f} /s; {until}; any more accurate point takes, in times of {costs}")
     print(f"gusty: at equal wall time the report's scheme is {gain:.0f} times less accurate than LFAB at half its limit")
     parts.close()
 
@@ -89,19 +97,24 @@ def _work(parts: Parts, chosen: dict[str, Scene], quick: bool, bar: Any) -> list
     """Rows of work and precision of all scenes; each says whether it is on its scene's front."""
     shares = work_precision.SHARES[:3] if quick else work_precision.SHARES
     rounds, window = (2, 0.04) if quick else (5, work_precision.TIMES[0])
-    truths = _all(parts, bar, {f"reference {name}": partial(work_precision.truth, scene) for name, scene in chosen.items()})
+    coarse = {name: scene.tuned("fast").replace(dtype="float64") for name, scene in chosen.items()}
+    paths = {f"path of {name}": partial(work_precision.truth, scene) for name, scene in chosen.items()}
+    halved = (name for name, scene in coarse.items() if scene.lattice != chosen[name].lattice)
+    paths |= {f"path of {name}, fast": partial(work_precision.truth, coarse[name]) for name in halved}
+    truths = _all(parts, bar, paths)
     jobs: dict[str, Callable[[], Any]] = {}
     for name, scene in chosen.items():
-        cases = []
+        cases = work_precision.presets(scene)
         for dtype in work_precision.DTYPES:
             methods = tuple(METHODS)
             if quick:
                 methods = QUICK_SINGLE if dtype == "float32" else tuple(name for name in METHODS if name not in QUICK_LEFT_OUT)
-            cases += work_precision.cases(scene, dtype, shares, methods)
+            for flag in (scene, coarse[name]) if name == ENVIRONMENT else (scene,):
+                cases += work_precision.grid(flag, dtype, shares, methods)
+        own = truths[f"path of {name}"]
+        expected = {coarse[name].lattice: np.array(truths.get(f"path of {name}, fast", own)), scene.lattice: np.array(own)}
         # all of a scene in one job: their times stand in one ratio however busy the machine is
-        jobs[f"work {name}"] = partial(
-            work_precision.measure, name, cases, np.array(truths[f"reference {name}"]), rounds, window, bar.refresh
-        )
+        jobs[f"work {name}"] = partial(work_precision.measure, name, cases, scene.lattice, expected, rounds, window, bar.refresh)
     rows: list[dict[str, Any]] = []
     for own in _all(parts, bar, jobs).values():
         best = work_precision.front(own)
@@ -123,12 +136,13 @@ def _runs(scene: Scene) -> dict[str, Scene]:
 
 
 def _averages(parts: Parts, chosen: dict[str, Scene], growths: dict[str, Any], quick: bool, bar: Any) -> list[dict[str, Any]]:
-    """Rows of the comparison past the horizon, for scenes that have one; elsewhere paths can be compared for ever."""
+    """Rows of the comparison past the horizon, for scenes that have one before `LATEST`."""
     rows: list[dict[str, Any]] = []
     for name, scene in chosen.items():
-        if growths[name]["horizon"] is None:
+        horizon_of = growths[name]["horizon"]
+        if horizon_of is None or horizon_of > LATEST:
             continue
-        settle, seconds = (1.0, 2.0) if quick else (math.ceil(min(growths[name]["horizon"], LATEST)), 12.0)
+        settle, seconds = (1.0, 2.0) if quick else (math.ceil(horizon_of), 12.0)
         runs = _runs(scene)
         names = list(runs)[:2] if quick else list(runs)
         jobs = {f"averages of {name}, {run}": partial(horizon.watch, runs[run], settle, seconds) for run in names}

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+from flag_env.control.wind import FREQUENCY, GAIN, wind_of
+from flag_env.envs.batch import DEFAULT_SCENE, WIND
+from flag_env.envs.certify import HIDDEN_WIND
 from flag_env.physics import Lattice, Scene, max_timestep
 from flag_env.physics.effects import Bending, CosineWind, CrossLayer, Gravity, Shear, Structural
 from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Implicit, Integrator, Leapfrog, Strang
@@ -18,21 +21,33 @@ METHODS: dict[str, Integrator] = {
     "implicit": Implicit(),
 }
 
+ENVIRONMENT = "Flag-v0"
+"""The scene for which the accuracy presets are chosen."""
+
 _MEAN_MASS = 4e-3 * 0.55
 """Of the particles of one layer [kg]: the winds are given as accelerations of it."""
 
 
 def scenes() -> dict[str, Scene]:
-    """Three flags of 1.5 m x 0.9 m, 16 x 10 particles, whose mass alone tapers: light particles at the edge limit the step.
+    """The environments' flag, and three of 1.5 m x 0.9 m, 16 x 10 particles, whose mass alone tapers: a light edge sets the step.
 
-    calm: it swings in a slow breeze; gusty: gusts of four times its weight throw it about, and errors grow; two-layer: struts and
-    cube diagonals hold two layers apart in the same gusts.
+    Flag-v0: the default scene of the environments in the hardest steady wind of an episode; calm: a flag swings in a slow breeze;
+    gusty: gusts of four times its weight throw it about, and errors grow; two-layer: struts and cube diagonals hold two layers
+    apart in the same gusts.
     """
     return {
+        ENVIRONMENT: _episode(),
         "calm": _flag(1, (0.0, 1.0, 0.0), (0.0, 3.0, 0.0), (2.0, 0.5, 0.0)),
         "gusty": _flag(1, (10.0, 40.0, 10.0), (5.0, 7.0, 3.0), (10.0, 5.0, 0.0)),
         "two-layer": _flag(2, (10.0, 40.0, 10.0), (5.0, 7.0, 3.0), (10.0, 5.0, 0.0)),
     }
+
+
+def _episode() -> Scene:
+    """The environments' flag under full action, with the largest hidden wind, from rest; in float64, as the other scenes."""
+    mean, amplitude = (wind_of(DEFAULT_SCENE, part).tolist() for part in (WIND + HIDDEN_WIND["breeze"], GAIN))
+    wind = CosineWind(tuple(amplitude), tuple(FREQUENCY.tolist()), tuple(mean))
+    return DEFAULT_SCENE.adding(wind).replace(dtype="float64")
 
 
 def _flag(layers: int, amplitude: tuple[float, ...], frequency: tuple[float, ...], mean: tuple[float, ...]) -> Scene:

@@ -45,7 +45,7 @@ def growth(scene: Scene, seconds: float) -> dict[str, Any]:
     start = simulator.positions
     noise = np.random.default_rng(0).standard_normal(start.shape[1:])
     noise[:, :, 0] = 0.0
-    start[1] += _SMALL * noise / np.sqrt((noise**2).sum(axis=-1).mean())
+    start[1] = start[0] + _SMALL * noise / np.sqrt((noise**2).sum(axis=-1).mean())
     simulator.set_positions(start)
     times, apart = [0.0], [_SMALL]
     for _ in range(round(seconds / FRAME)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import io
 import json
 import os
 import platform
@@ -11,8 +12,13 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from PIL import Image
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+DPI = 120
+"""Resolution of figures."""
 
 PACKAGES = ("flag_env", "numpy", "numba", "scipy", "gymnasium", "matplotlib", "stable_baselines3", "torch")
 
@@ -63,9 +69,16 @@ def write(output: Path, name: str, rows: Sequence[dict[str, Any]], figure: Figur
     output.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"machine": machine(), "rows": rows, **more}, indent=1)
     replace_file(output / f"{name}.json", lambda path: path.write_text(text + "\n"))
-    replace_file(output / f"{name}.png", lambda path: figure.savefig(path, dpi=120, format="png"))
+    replace_file(output / f"{name}.png", lambda path: _save(figure, path))
     print(table(rows))
     print(f"written: {output / name}.json, {output / name}.png")
+
+
+def _save(figure: Figure, path: Path) -> None:
+    """The figure as a PNG of at most 256 colours, a third as large as one of all colours."""
+    figure.savefig(whole := io.BytesIO(), dpi=DPI, format="png")
+    with Image.open(whole) as picture:
+        picture.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, format="png", optimize=True)
 
 
 def replace_file(path: Path, writer: Any) -> None:
