@@ -102,7 +102,7 @@ BASELINES: dict[str, Callable[[Task, str], Policy]] = {
 
 def action_size(task: Task) -> int:
     """Entries of an action."""
-    return sum(control.size for control in CONTROLS[task.control])
+    return CONTROLS[task.control].size
 
 
 def mast_pose(masts: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,10 +4,7 @@ from flag_env.control.base import Control
 from flag_env.control.mast import MastControl
 from flag_env.control.wind import WindControl
 
-CONTROLS: dict[str, tuple[type[Control], ...]] = {
-    "wind": (WindControl,),
-    "mast": (MastControl,),
-}
+CONTROLS: dict[str, type[Control]] = {"wind": WindControl, "mast": MastControl}
 """What the environments' `control` argument stands for."""
 
 __all__ = ["CONTROLS", "Control", "MastControl", "WindControl"]

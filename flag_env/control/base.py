@@ -29,6 +29,8 @@ class Control:
     close
         Difference between target and position that an agent sees as 1, in flag diagonals: of the size that the differences
         have under this control, so that networks are neither saturated nor blind.
+    state : (copies, state_size)
+        What an agent sees of the actuators, about unit-sized; always the same memory.
     """
 
     size: ClassVar[int]
@@ -37,6 +39,7 @@ class Control:
 
     def __init__(self, scene: Scene, copies: int) -> None:
         self.check(scene)
+        self.state = np.zeros((copies, self.state_size))
 
     @classmethod
     def check(cls, scene: Scene) -> None:
@@ -46,16 +49,11 @@ class Control:
         """Bring the actuators of these copies to rest."""
         raise NotImplementedError
 
-    def apply(self, simulator: Simulator, actions: Array) -> None:
-        """Move the actuators on by one control step under `actions` and hand the result to the physics.
+    def apply(self, simulator: Simulator, actions: NDArray[np.floating[Any]]) -> bool:
+        """Move the actuators on by one control step under `actions`, clipped to [-1, 1], and hand the result to the physics.
 
-        `actions` (copies, size): contiguous float64 in [-1, 1].
+        `actions` are float32 or float64, copies x size entries in any shape. False, and nothing has moved, unless all are finite.
         """
-        raise NotImplementedError
-
-    @property
-    def state(self) -> Array:
-        """What an agent sees of the actuators, about unit-sized, shape (copies, state_size)."""
         raise NotImplementedError
 
     @staticmethod

@@ -47,19 +47,20 @@ class MastControl(Control):
         del simulator
         self._pose[copies] = 0.0
         self._velocity[copies] = 0.0
+        self.state[copies] = 0.0
 
-    def apply(self, simulator: Simulator, actions: Array) -> None:
-        """Let the velocities follow the set-points and say where the mast is to be at the end of the control step."""
+    def apply(self, simulator: Simulator, actions: NDArray[np.floating[Any]]) -> bool:
+        """Let the velocities follow the set-points and say where the mast is to be in the end; see `Control.apply`."""
+        if not np.isfinite(actions).all():
+            return False
+        actions = np.clip(actions, -1.0, 1.0, dtype=np.float64).reshape(self._pose.shape)
         self._velocity += lag_factor(LAG) * (SPEED * actions - self._velocity)
         goal = np.clip(self._pose + CONTROL_STEP * self._velocity, -REACH, REACH)
         self._velocity = (goal - self._pose) / CONTROL_STEP
         self._pose = goal
         simulator.set_mast(position=goal[:, :3], tilt=goal[:, 3:])
-
-    @property
-    def state(self) -> Array:
-        """Pose and velocity in units of their ranges, shape (copies, 10)."""
-        return np.concatenate([self._pose / REACH, self._velocity / SPEED], axis=1)
+        self.state[:, :5], self.state[:, 5:] = self._pose / REACH, self._velocity / SPEED
+        return True
 
     @staticmethod
     def sample_witness(rng: np.random.Generator, steps: int) -> Array:

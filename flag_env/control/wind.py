@@ -43,18 +43,29 @@ def wind_of(scene: Scene, acceleration: Array) -> Array:
     return acceleration * float(scene.lattice.masses.mean()) if force else acceleration / DRAG
 
 
-def _follow(actions: Any, share: float, full: Any, u: Any, amplitude: Any) -> None:
-    """Move u (copies, 3) by this share of the way to the actions; the amplitude that it stands for, of `full` (3,)."""
-    for copy in range(u.shape[0]):
-        for i in range(3):
-            u[copy, i] += share * (actions[copy, i] - u[copy, i])
-            amplitude[copy, i] = full[i] * u[copy, i]
+def _follow(actions: Any, share: float, full: Any, u: Any, amplitude: Any) -> bool:
+    """Move u (copies, 3) by this share of the way to the actions, clipped; the amplitude that it stands for, of `full` (3,).
+
+    False, and nothing more, unless all actions are finite.
+    """
+    for action in actions.flat:
+        if (action - action) != 0.0:
+            return False
+    for k, action in enumerate(actions.flat):
+        copy, i = k // 3, k % 3
+        u[copy, i] += share * (min(max(float(action), -1.0), 1.0) - u[copy, i])
+        amplitude[copy, i] = full[i] * u[copy, i]
+    return True
+
+
+_CACHED_FOLLOW = cache(lambda: cached(_follow, frozenset({Path(__file__)})))
 
 
 @cache
-def _compiled_follow() -> Callable[..., None]:
-    rows = np.zeros((1, 3))
-    return entry_point(cached(_follow, frozenset({Path(__file__)})), (rows, 0.0, np.zeros(3), rows, rows))
+def _compiled_follow(dtype: np.dtype[Any], dimensions: int) -> Callable[..., bool]:
+    """`_follow` for actions of this dtype, with any strides."""
+    actions, rows = np.zeros((2,) * dimensions, dtype)[::-1], np.zeros((1, 3))
+    return entry_point(_CACHED_FOLLOW(), (actions, 0.0, np.zeros(3), rows, rows))
 
 
 class WindControl(Control):
@@ -67,7 +78,6 @@ class WindControl(Control):
     def __init__(self, scene: Scene, copies: int) -> None:
         super().__init__(scene, copies)
         self._amplitude = wind_of(scene, GAIN)
-        self._u = np.zeros((copies, 3))
 
     @classmethod
     def check(cls, scene: Scene) -> None:
@@ -81,20 +91,17 @@ class WindControl(Control):
 
     def reset(self, simulator: Simulator, copies: NDArray[np.intp]) -> None:
         """No wind from the agent; the wind's frequency for the episode."""
-        self._u[copies] = 0.0
+        self.state[copies] = 0.0
         simulator.set_wind(frequency=FREQUENCY)
 
-    def apply(self, simulator: Simulator, actions: Array) -> None:
-        """Let u follow the set-points and set the wind's amplitude."""
-        amplitudes = simulator.wind_amplitudes
-        _compiled_follow()(actions, _FOLLOW, self._amplitude, self._u, amplitudes[0])
-        for other in amplitudes[1:]:
-            other[:] = amplitudes[0]
-
-    @property
-    def state(self) -> Array:
-        """The actuators' u, shape (copies, 3)."""
-        return self._u
+    def apply(self, simulator: Simulator, actions: NDArray[np.floating[Any]]) -> bool:
+        """Let u follow the set-points and set the wind's amplitude; see `Control.apply`."""
+        amplitude, *others = simulator.wind_amplitudes
+        follow = _compiled_follow(actions.dtype, actions.ndim)
+        finite = follow(actions, _FOLLOW, self._amplitude, self.state, amplitude)
+        for other in others:
+            other[:] = amplitude
+        return finite
 
     @staticmethod
     def sample_witness(rng: np.random.Generator, steps: int) -> Array:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,8 @@ ROOM = 100.0
 FASTEST = float(np.finfo(np.float64).max)
 """Largest component of a velocity that still counts as simulated [m/s]."""
 
+_SINGLE = np.dtype(np.float32)
+
 LIMIT = 100.0
 """Bound of every entry of an observation."""
 
@@ -68,8 +72,7 @@ class Settings:
             raise ValueError(
                 f"scene must have three dimensions, as its targets have, got dimensions={self.scene.lattice.dimensions}"
             )
-        for control in CONTROLS[self.control]:
-            control.check(self.resolved_scene())
+        CONTROLS[self.control].check(self.resolved_scene())
 
     def resolved_scene(self) -> Scene:
         """The scene to simulate, tuned to the accuracy, its timestep a whole fraction of the control step."""
@@ -95,7 +98,7 @@ DEFAULT_SCENE = fitted(_preset("flag"))
 class FlagBatch:
     """Many flags, each in an episode of its own.
 
-    What a step leads to stands in the attributes until the next step or reset, which write over it, but for `observed`.
+    What a step leads to stands in the attributes until the next step or reset, which write over it.
 
     Parameters
     ----------
@@ -119,7 +122,7 @@ class FlagBatch:
     diverged : (copies,)
         Whether the simulation left the finite numbers, or the room; the flag then shows its last state that had not.
     observed : (copies, entries) float32
-        Nodes' positions, velocities, targets, differences, actuators, time left; fresh memory each time.
+        Nodes' positions, velocities, targets, differences, actuators, time left.
     """
 
     def __init__(self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None) -> None:
@@ -128,7 +131,7 @@ class FlagBatch:
         self.scene = scene
         self.simulator = Simulator(scene, copies, threads=threads)
         self.steps_per_action = round(CONTROL_STEP / self.simulator.timestep)
-        self.controls: list[Control] = [control(scene, copies) for control in CONTROLS[settings.control]]
+        self.control: Control = CONTROLS[settings.control](scene, copies)
         self.library = library or load_targets(settings.control, settings.level, settings.split)
         self._targets = np.zeros((copies, 3 * scene.lattice.size))
         self.target_index = np.zeros(copies, np.int64)
@@ -139,13 +142,10 @@ class FlagBatch:
         self.elapsed, self.held = np.zeros(copies, np.int64), np.zeros(copies, np.int64)
         self._start = Simulator(scene).get_state()
         self._start_positions = Simulator(scene).positions.reshape(-1)
-        self._firsts = np.cumsum([0] + [control.size for control in self.controls]).tolist()[:-1]
         self.nodes = _observed_nodes(scene)
         self.diagonal = scene.lattice.diagonal
-        unit = max(control.close for control in self.controls) * self.diagonal
-        self._constants = (ROOM, FASTEST, self.diagonal, unit, settings.tolerance, HOLD_STEPS, EPISODE_STEPS, LIMIT)
-        self._entries = 12 * len(self.nodes) + sum(control.state_size for control in self.controls) + 1
-        self.observed = np.zeros((copies, self._entries), np.float32)
+        entries = 12 * len(self.nodes) + self.control.state_size + 1
+        self.observed = np.zeros((copies, entries), _SINGLE)
         self._poses: dict[int, Array] = {}
         self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
 
@@ -159,19 +159,13 @@ class FlagBatch:
         """Target positions [m], shape (copies, layers, rows, cols, 3)."""
         return self._targets.reshape(self.now.shape)
 
-    @property
-    def action_size(self) -> int:
-        """Entries of one flag's action."""
-        return sum(control.size for control in self.controls)
-
     def reset(self, copies: Sequence[int], chosen: Sequence[int], poses: Array | None = None) -> None:
         """Start an episode of each of `copies` with the target of the number in `chosen`, or the given target poses."""
         which = np.asarray(copies, np.intp)
         if poses is None:
             poses = np.stack([self.pose(int(index)) for index in chosen])
         self.simulator.set_state(self._start, copies=None if len(which) == self.copies else [int(copy) for copy in which])
-        for control in self.controls:
-            control.reset(self.simulator, which)
+        self.control.reset(self.simulator, which)
         self.target_index[which] = chosen
         self._targets[which] = poses.reshape(len(which), -1)
         self.hidden_wind[which] = self.library.wind[chosen]
@@ -180,26 +174,22 @@ class FlagBatch:
         self.held[which] = 0
         self.success[which] = self.diverged[which] = False
         self.now.x[which], self.now.v[which] = self._start_positions, 0.0
-        self._look(stepped=False)
+        self._looks[False](0, self.copies)
 
-    def step(self, actions: Array) -> None:
-        """Take one control step under `actions` (copies, action), contiguous float64 in [-1, 1]."""
-        if len(self.controls) == 1:
-            self.controls[0].apply(self.simulator, actions)
-        else:
-            for control, first in zip(self.controls, self._firsts, strict=True):
-                control.apply(self.simulator, np.ascontiguousarray(actions[:, first : first + control.size]))
-        self.now, self._last = self._last, self.now
-        self.before, self.distance = self.distance, self.before
-        self.simulator.step_into(self.steps_per_action, self.now)
-        self._look(stepped=True)
+    def step(self, action: Any, shape: tuple[int, ...]) -> None:
+        """Take one control step under an action of `shape`, copies x size entries, clipped to [-1, 1].
 
-    @property
-    def actuators(self) -> Array:
-        """What is seen of the actuators, shape (copies, entries)."""
-        if len(self.controls) == 1:
-            return self.controls[0].state
-        return np.concatenate([control.state for control in self.controls], axis=1)
+        Raises
+        ------
+        ValueError
+            If the action is of another shape or not finite; nothing has changed then.
+        """
+        given = action if type(action) is np.ndarray and action.dtype is _SINGLE else np.asarray(action, np.float64)
+        if given.shape != shape:
+            raise ValueError(f"action must have the shape {shape}, got {given.shape}")
+        if not self.control.apply(self.simulator, given):
+            raise ValueError(f"action must be finite, got {action!r}")
+        self.simulator.step_into(self.steps_per_action, self.now, self._looks[True])
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
@@ -214,13 +204,19 @@ class FlagBatch:
             self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
         return self._poses[index]
 
-    def _look(self, stepped: bool) -> None:
-        """Look at all flags, which have taken a step or not."""
-        self.observed = np.empty((self.simulator.copies, self._entries), np.float32)
-        glance.look()(
-            self.now.x, self.now.v, self._last.x, self._last.v, self._targets, self.nodes, self.actuators,
-            *self._constants, stepped, self.elapsed, self.held, self.distance, self.success, self.diverged, self.observed,
+    @cached_property
+    def _looks(self) -> tuple[Callable[[int, int], None], ...]:
+        """Functions that look at the flags from a first to before a last, which have taken no step, or one."""
+        look = partial(
+            glance.look(), self.now.x, self.now.v, self._last.x, self._last.v, self._targets, self.nodes, self.control.state,
+            ROOM, FASTEST, self.diagonal, self.control.close * self.diagonal, self.settings.tolerance, HOLD_STEPS, EPISODE_STEPS,
+            LIMIT, self.elapsed, self.held, self.before, self.distance, self.success, self.diverged, self.observed,
         )  # fmt: skip
+        return partial(look, False), partial(look, True)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but machine code."""
+        return {name: value for name, value in self.__dict__.items() if name != "_looks"}
 
     def _set_ambient_wind(self) -> None:
         if self._windy:
@@ -248,7 +244,7 @@ def replay(settings: Settings, witnesses: Targets, indices: Sequence[int]) -> Ar
     actions = np.stack([witnesses.actions(index) for index in indices], axis=1).astype(np.float64)
     poses = []
     for row in actions:
-        batch.step(row)
+        batch.step(row, row.shape)
         if batch.diverged.any():
             raise Diverged(batch.simulator.time, int(np.argmax(batch.diverged)), (0, 0, 0))
         poses.append(batch.now.positions.copy())

@@ -74,10 +74,7 @@ def check(settings: Settings, library: Targets) -> Iterator[float]:
 
 def _draw(control: str, level: str, rng: np.random.Generator) -> Targets:
     """Candidates: witnesses with their hidden winds."""
-    sequences = []
-    for _ in range(_CHUNK):
-        parts = [kind.sample_witness(rng, EPISODE_STEPS) for kind in CONTROLS[control]]
-        sequences.append(np.concatenate(parts, axis=1).astype(np.float32))
+    sequences = [CONTROLS[control].sample_witness(rng, EPISODE_STEPS).astype(np.float32) for _ in range(_CHUNK)]
     changed = np.flatnonzero(np.any(np.diff(np.stack(sequences), axis=1) != 0, axis=(0, 2))) + 1
     starts = np.array([0, *changed])
     wind = (HIDDEN_WIND[level] * rng.uniform(-1, 1, (_CHUNK, 3))).astype(np.float32)
@@ -87,12 +84,7 @@ def _draw(control: str, level: str, rng: np.random.Generator) -> Targets:
 
 def _other_ways(control: str, drawn: Targets) -> list[Targets]:
     """The same candidates with each other way to act."""
-    sizes = np.cumsum([kind.size for kind in CONTROLS[control]])[:-1]
-    sequences = []
-    for index in range(len(drawn)):
-        parts = np.split(drawn.actions(index), sizes, axis=1)
-        ways = zip(*(kind.other_ways(part) for kind, part in zip(CONTROLS[control], parts, strict=True)), strict=True)
-        sequences.append([np.concatenate(way, axis=1) for way in ways])
+    sequences = [CONTROLS[control].other_ways(drawn.actions(index)) for index in range(len(drawn))]
     spans = np.ones(EPISODE_STEPS, np.int64)
     return [replace(drawn, witnesses=np.stack(way), spans=spans) for way in zip(*sequences, strict=True)]
 

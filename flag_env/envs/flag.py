@@ -10,7 +10,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
-from flag_env.envs import glance
 from flag_env.envs.batch import FlagBatch, Settings
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView
@@ -111,8 +110,9 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._view = self.view(self._batch, reward)
         self._picture = Picture(width, height)
         self._started = False
-        self._action_shape = (self._batch.action_size,)
-        self.action_space = spaces.Box(-1.0, 1.0, (self._batch.action_size,), np.float32)
+        self._target = 0
+        self._action_shape = (self._batch.control.size,)
+        self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         self.observation_space = self._view.space()
 
     @property
@@ -145,20 +145,20 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         if target is None:
             target = int(self.np_random.integers(len(self._batch.library)))
         self._batch.reset([0], [target])
+        self._target = target
         self._started = True
-        return first(self._view.observe()), self._info({})
+        return self._view.observation(0), self._info({}, self._batch.distance.item(), False, False)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take one control step of 0.04 s."""
-        checked = checked_actions(action, self._action_shape)
+        batch = self._batch
         if not self._started:
             raise gymnasium.error.ResetNeeded("reset() must be called before step()")
-        batch = self._batch
-        batch.step(checked)
-        observation = first(self._view.observe())
-        terms = self._view.terms(batch.before.item(), batch.distance.item(), observation)
-        info = self._info(terms)
-        return observation, sum(terms.values()), info["diverged"], False, info
+        batch.step(action, self._action_shape)
+        observation, distance, diverged = self._view.observation(0), batch.distance.item(), batch.diverged.item()
+        terms = self._view.terms(batch.before.item(), distance, observation)
+        info = self._info(terms, distance, batch.success.item(), diverged)
+        return observation, sum(terms.values()), diverged, False, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) with `render_mode="rgb_array"`, else None."""
@@ -171,22 +171,14 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """Free the renderer."""
         self._picture.close()
 
-    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        batch = self._batch
+    def _info(self, terms: dict[str, float], distance: float, success: bool, diverged: bool) -> dict[str, Any]:
         return {
-            "distance": batch.distance.item(),
-            "is_success": batch.success.item(),
+            "distance": distance,
+            "is_success": success,
             "reward_terms": terms,
-            "diverged": batch.diverged.item(),
-            "target": batch.target_index.item(),
+            "diverged": diverged,
+            "target": self._target,
         }
-
-
-def first(observation: Any, copy: int = 0) -> Any:
-    """One copy's part of a batch of observations."""
-    if isinstance(observation, dict):
-        return {name: part[copy] for name, part in observation.items()}
-    return observation[copy]
 
 
 def checked_render_mode(render_mode: str | None) -> str | None:
@@ -194,17 +186,6 @@ def checked_render_mode(render_mode: str | None) -> str | None:
     if render_mode is not None and not (isinstance(render_mode, str) and render_mode in RENDER_MODES):
         raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
     return render_mode
-
-
-def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Actions (copies, size) in float64, clipped to [-1, 1]; ValueError unless `action` is finite and of `shape`."""
-    result = np.array(action, dtype=np.float64, order="C")
-    if result.shape != shape:
-        raise ValueError(f"action must have the shape {shape}, got {result.shape}")
-    result = result.reshape(-1, shape[-1])
-    if not glance.admit()(result):
-        raise ValueError(f"action must be finite, got {action!r}")
-    return result
 
 
 def chosen_target(options: dict[str, Any] | None, count: int) -> int | None:

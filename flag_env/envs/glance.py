@@ -17,8 +17,9 @@ from flag_env.physics.jit import cached, entry_point
 
 def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, actuators: Any,
           room: float, fastest: float, diagonal: float, unit: float, tolerance: float, hold: int, steps: int, limit: float,
-          stepped: bool, elapsed: Any, held: Any, distance: Any, success: Any, diverged: Any, out: Any) -> None:  # fmt: skip
-    """Look at every flag after a step; see `FlagBatch` for what the arrays hold.
+          elapsed: Any, held: Any, before: Any, distance: Any, success: Any, diverged: Any,
+          out: Any, stepped: bool, first: int, last: int) -> None:  # fmt: skip
+    """Look at the flags `first <= copy < last` after a step; see `FlagBatch` for what the arrays hold.
 
     Where positions x [m] or velocities v [m/s] (copies, 3 particles) leave their bounds or the finite numbers, bring back the
     last ones; those flags are `diverged`. Write the RMS distance of the particles to their targets, in flag diagonals. Count the
@@ -27,7 +28,7 @@ def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, act
     """
     particles = x.shape[1] / 3
     n = 3 * nodes.shape[0]
-    for copy in range(x.shape[0]):
+    for copy in range(first, last):
         bad, square = 0, 0.0
         for i in range(x.shape[1]):
             bad += not (abs(x[copy, i]) <= room)  # true of NaN too
@@ -43,6 +44,11 @@ def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, act
                     v[copy, i] = last_v[copy, i]
                     difference = x[copy, i] - target[copy, i]
                     square += difference * difference
+        for i in range(x.shape[1]):
+            last_x[copy, i] = x[copy, i]
+            last_v[copy, i] = v[copy, i]
+        if stepped:
+            before[copy] = distance[copy]
         distance[copy] = (square / particles) ** 0.5 / diagonal
         if stepped:
             elapsed[copy] += 1
@@ -60,16 +66,6 @@ def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, act
         out[copy, 4 * n + actuators.shape[1]] = max(1.0 - elapsed[copy] / steps, 0.0)
 
 
-def _admit(actions: Any) -> bool:
-    """Clip actions (copies, size) to [-1, 1]; False, and nothing more, where one is not finite."""
-    for copy in range(actions.shape[0]):
-        for i in range(actions.shape[1]):
-            if (actions[copy, i] - actions[copy, i]) != 0.0:
-                return False
-            actions[copy, i] = min(max(actions[copy, i], -1.0), 1.0)
-    return True
-
-
 _ROWS, _FLAT = np.zeros((1, 3)), np.zeros(1)
 _NUMBERS = np.zeros(1, np.int64)
 
@@ -81,13 +77,7 @@ def look() -> Callable[..., None]:
     All arrays are contiguous: positions, velocities, targets, actuators and distances in float64, numbers of nodes and of steps
     in int64, `success` and `diverged` in bool, `out` in float32.
     """
-    yes, row = np.zeros(1, bool), np.zeros((1, 3), np.float32)
-    numbers = (0.0, 0.0, 0.0, 0.0, 0.0, 1, 1, 0.0, True)
-    arguments = (*[_ROWS] * 5, _NUMBERS, _ROWS, *numbers, _NUMBERS, _NUMBERS, _FLAT, yes, yes, row)
+    yes, numbers = np.zeros(1, bool), (0.0, 0.0, 0.0, 0.0, 0.0, 1, 1, 0.0)
+    state = (_NUMBERS, _NUMBERS, _FLAT, _FLAT, yes, yes)
+    arguments = (*[_ROWS] * 5, _NUMBERS, _ROWS, *numbers, *state, np.zeros((1, 3), np.float32), True, 0, 1)
     return entry_point(cached(_look, frozenset({Path(__file__)})), arguments)
-
-
-@cache
-def admit() -> Callable[[Any], bool]:
-    """`_admit`, compiled and kept on disk, for contiguous float64."""
-    return entry_point(cached(_admit, frozenset({Path(__file__)})), (_ROWS,))

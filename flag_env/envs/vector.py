@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
 from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Settings
-from flag_env.envs.flag import RENDER_MODES, checked_actions, checked_render_mode, chosen_target, first
+from flag_env.envs.flag import RENDER_MODES, checked_render_mode, chosen_target
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView, GoalView, goal_reward
 from flag_env.physics import Scene, Simulator, validate
@@ -78,7 +78,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self._rngs: list[np.random.Generator | None] = [None] * num_envs
         self._ended = np.ones(num_envs, bool)
         self.single_observation_space = self._view.space()
-        self.single_action_space = spaces.Box(-1.0, 1.0, (self._batch.action_size,), np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (self._batch.control.size,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
@@ -114,14 +114,14 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         self, actions: NDArray[np.float32]
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Take one control step of every flag; actions of flags that are being reset are not read."""
-        shape = (self.num_envs, self._batch.action_size)
+        shape = (self.num_envs, self._batch.control.size)
         waiting = self._ended.copy()
         if waiting.any():
             if self.autoreset_mode is not AutoresetMode.NEXT_STEP or None in self._rngs:
                 raise ValueError(f"reset() must be called for the copies {np.flatnonzero(waiting).tolist()} before step()")
             actions = np.where(waiting[:, None], 0.0, actions) if np.shape(actions) == shape else actions
         batch = self._batch
-        batch.step(checked_actions(actions, shape))
+        batch.step(actions, shape)
         observation = self._view.observe()
         terms = self._view.terms(batch.before, batch.distance, observation)
         terminated = batch.diverged & ~waiting
@@ -162,7 +162,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         ended = self._ended.copy()
         final_obs = np.full(self.num_envs, None, dtype=object)
         for copy in np.flatnonzero(ended).tolist():
-            final_obs[copy] = first(observation, copy)
+            final_obs[copy] = self._view.observation(copy)
         final_info = _masked(info, ended)
         self._start(np.flatnonzero(ended), None)
         fresh = self._info(np.ones(self.num_envs, bool))

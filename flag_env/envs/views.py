@@ -9,7 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flag_env.envs.batch import LIMIT, FlagBatch
-from flag_env.tasks.reward import REWARDS, reward_terms
+from flag_env.tasks.reward import REWARDS
 
 Numbers = Any  # float, or NDArray[np.float64]
 Observation = Any
@@ -19,10 +19,10 @@ Observation = Any
 class FlatView:
     """One flat vector: nodes, velocities, targets, differences, actuators, time left; rewards by the whole flag's distance."""
 
-    rewards: ClassVar[tuple[str, ...]] = REWARDS
+    rewards: ClassVar[tuple[str, ...]] = tuple(REWARDS)
 
     def __init__(self, batch: FlagBatch, reward: str) -> None:
-        self.batch, self.reward = batch, reward
+        self.batch, self._terms, self._tolerance = batch, REWARDS[reward], batch.settings.tolerance
 
     def space(self) -> spaces.Space[Any]:
         """Space of one flag's observation."""
@@ -30,12 +30,16 @@ class FlatView:
 
     def observe(self) -> Observation:
         """Observations of all copies, fresh memory."""
-        return self.batch.observed
+        return self.batch.observed.copy()
+
+    def observation(self, copy: int) -> Observation:
+        """One copy's of these."""
+        return self.batch.observed[copy].copy()
 
     def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
         """Named terms that sum to the rewards, of all copies or, from numbers and its own observation, of one."""
         del observation
-        return reward_terms(self.reward, before, distance, self.batch.settings.tolerance)
+        return self._terms(before, distance, self._tolerance)
 
 
 class GoalView(FlatView):
@@ -46,7 +50,7 @@ class GoalView(FlatView):
     def space(self) -> spaces.Space[Any]:
         """Space of one flag's observation."""
         nodes = 3 * len(self.batch.nodes)
-        rest = _box(2 * nodes + self.batch.actuators.shape[1] + 1)
+        rest = _box(2 * nodes + self.batch.control.state_size + 1)
         return spaces.Dict({"observation": rest, "achieved_goal": _box(nodes), "desired_goal": _box(nodes)})
 
     def observe(self) -> Observation:
@@ -57,6 +61,10 @@ class GoalView(FlatView):
             "achieved_goal": whole[:, :n].copy(),
             "desired_goal": whole[:, 2 * n : 3 * n].copy(),
         }
+
+    def observation(self, copy: int) -> Observation:
+        """One copy's of these."""
+        return {name: part[copy] for name, part in self.observe().items()}
 
     def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
         """Named terms that sum to the rewards; see `FlatView`."""
@@ -70,7 +78,7 @@ class GoalView(FlatView):
         distance = np.sqrt(square) / self.batch.diagonal
         if distance.ndim == 0:
             distance = distance.item()
-        return reward_terms(self.reward, distance, distance, self.batch.settings.tolerance)
+        return self._terms(distance, distance, self._tolerance)
 
 
 def goal_reward(view: GoalView, achieved: NDArray[Any], desired: NDArray[Any]) -> Any:

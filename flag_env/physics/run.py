@@ -106,25 +106,29 @@ class Run:
         self.mast[:] = rows[:, :, self._pinned]
         self.moving = True
 
-    def step(self, steps: int, into: Reading | None) -> int:
+    def step(self, steps: int, into: Reading | None, then: Callable[[int, int], Any] | None = None) -> int:
         """Take `steps` steps, if any, moving the mast to where it is to be, then write `into` a reading, if any.
 
-        Returns how many copies have not stopped.
+        `then(first, last)` is called for each block of copies that is done, in the thread that has moved it. Returns how many
+        copies have not stopped.
         """
         if self.entry is None:
             self._compile()
         if steps > 0 and self.moving:
             self.moving = self._pull(self.x, self.v, self._pinned, self.mast, steps * self.timestep)  # type: ignore[misc]
-        copies = len(self.x)
-        threads = 1 if steps < self._few_steps else self._threads.count
-        if threads == 1:
-            return self._share(steps, into, 0, copies)
+        if steps < self._few_steps:
+            return self._share(steps, into, then, 0, len(self.x))
+        return self._shares(steps, into, then)
+
+    def _shares(self, steps: int, into: Reading | None, then: Callable[[int, int], Any] | None) -> int:
+        """All copies of `step`, in all threads."""
+        copies, threads = len(self.x), self._threads.count
         blocks = min(copies, _BLOCKS * threads)
         ends = [block * copies // blocks for block in range(blocks + 1)]
         shares = [deque(range(i * blocks // threads, (i + 1) * blocks // threads)) for i in range(threads)]
 
         def work(thread: int) -> int:
-            return sum(self._share(steps, into, ends[i], ends[i + 1], thread) for i in _turns(shares, thread))
+            return sum(self._share(steps, into, then, ends[i], ends[i + 1], thread) for i in _turns(shares, thread))
 
         return sum(self._threads.run(work, threads))
 
@@ -138,10 +142,16 @@ class Run:
         particle = np.unravel_index(self.failed_particle[copy], self.scene.lattice.shape)
         return Diverged(time - late * self.timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
 
-    def _share(self, steps: int, into: Reading | None, first: int, last: int, thread: int = 0) -> int:
+    def _share(
+        self, steps: int, into: Reading | None, then: Callable[[int, int], Any] | None, first: int, last: int, thread: int = 0
+    ) -> int:
+        """The copies `first <= copy < last` of `step`, in memory of a thread's own."""
         if into is None:
             return self.entry(*self._arguments[thread], first, last, steps, False, self._unread, self._unread)  # type: ignore[misc]
-        return self.entry(*self._arguments[thread], first, last, steps, True, into.x, into.v)  # type: ignore[misc]
+        healthy = self.entry(*self._arguments[thread], first, last, steps, True, into.x, into.v)  # type: ignore[misc]
+        if then is not None:
+            then(first, last)
+        return healthy
 
     def _compile(self) -> None:
         self._arguments = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from typing import Any
 
@@ -241,7 +241,7 @@ class Simulator:
         """Memory for `step_into`, which holds the positions at rest and no velocities."""
         return Reading(self._scene.lattice, self._copies)
 
-    def step_into(self, n: int, reading: Reading) -> int:
+    def step_into(self, n: int, reading: Reading, then: Callable[[int, int], Any] | None = None) -> int:
         """Take `n` >= 1 physics steps, then write positions and velocities into a reading.
 
         The same as `step` and a look at both properties, in one call of the machine code and without fresh memory.
@@ -252,6 +252,8 @@ class Simulator:
             Number of steps.
         reading
             Memory from `reading()`.
+        then
+            Called as `then(first, last)` for each block of copies that is done, in the thread that has moved it.
 
         Returns
         -------
@@ -263,7 +265,7 @@ class Simulator:
         if reading.shape != self._shape:
             raise ValueError(f"reading must be of shape {self._shape}, got {reading.shape}")
         self._steps_taken += n
-        return self._run.step(n, reading)
+        return self._run.step(n, reading, then)
 
     def advance(self, seconds: float) -> None:
         """Advance by `seconds`, rounded to whole steps."""

@@ -20,13 +20,23 @@ BONUS = 0.1
 SLOPE = 3.0
 DISCOUNT = 0.98
 
-REWARDS = ("shaped", "dense", "sparse")
+
+def shaped(before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
+    """A bonus within tolerance, and for the way made towards the target."""
+    return {"in_tolerance": BONUS * (distance < tolerance), "approach": SLOPE * (before - DISCOUNT * distance)}
 
 
-def reward_terms(kind: str, before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
-    """Terms of the reward `kind`, each of the shape of `distance`; `before` is the distance one step earlier."""
-    if kind == "shaped":
-        return {"in_tolerance": BONUS * (distance < tolerance), "approach": SLOPE * (before - DISCOUNT * distance)}
-    if kind == "dense":
-        return {"distance": -distance}
+def dense(before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
+    """Minus the distance."""
+    del before, tolerance
+    return {"distance": -distance}
+
+
+def sparse(before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
+    """Minus one outside tolerance."""
+    del before
     return {"miss": (distance < tolerance) - 1.0}
+
+
+REWARDS = {"shaped": shaped, "dense": dense, "sparse": sparse}
+"""Terms of each reward, of the shape of `distance`; `before` is the distance one step earlier."""
