@@ -70,12 +70,12 @@ class FlagSB3VecEnv(VecEnv):
         seeds = list(self._seeds)
         if all(option == options[0] for option in options):
             observation, info = self.env.reset(seed=seeds, options=options[0])
-            self.reset_infos = _singles(info, np.arange(self.num_envs))
+            self.reset_infos = _singles(info, self.num_envs)
         else:
             for copy, option in enumerate(options):
                 mask = np.arange(self.num_envs) == copy
                 observation, info = self.env.reset(seed=seeds, options={"reset_mask": mask, **option})
-                [self.reset_infos[copy]] = _singles(info, np.array([copy]))
+                self.reset_infos[copy] = _singles(info, self.num_envs)[copy]
         self._reset_seeds()
         self._reset_options()
         return observation
@@ -88,12 +88,12 @@ class FlagSB3VecEnv(VecEnv):
         """Take one control step of every flag."""
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
         done = terminated | truncated
-        infos = _singles(info, np.arange(self.num_envs))
+        infos = _singles(info, self.num_envs)
         if done.any():
-            ended = np.flatnonzero(done)
-            for copy, last in zip(ended.tolist(), _singles(info["final_info"], ended), strict=True):
-                self.reset_infos[copy], infos[copy] = infos[copy], last
-                last["terminal_observation"] = info["final_obs"][copy]
+            last = _singles(info["final_info"], self.num_envs)
+            for copy in np.flatnonzero(done).tolist():
+                self.reset_infos[copy], infos[copy] = infos[copy], last[copy]
+                infos[copy]["terminal_observation"] = info["final_obs"][copy]
         for single, cut in zip(infos, (truncated & ~terminated).tolist(), strict=True):
             single["TimeLimit.truncated"] = cut
         return observation, reward.astype(np.float32), done, infos
@@ -127,15 +127,15 @@ class FlagSB3VecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def _singles(info: dict[str, Any], copies: NDArray[np.intp]) -> list[dict[str, Any]]:
-    """The infos of these copies, each as the single environment gives it."""
-    names = [name for name in info if not name.startswith(("_", "final_"))]
-    if not names:
-        return [{} for _ in copies]
-    entries = (info[name] for name in names)
-    columns = [_singles(entry, copies) if isinstance(entry, dict) else entry[copies].tolist() for entry in entries]
-    result = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
-    for name in names:
-        for row in np.flatnonzero(~info[f"_{name}"][copies]).tolist():
-            del result[row][name]
+def _singles(info: dict[str, Any], count: int) -> list[dict[str, Any]]:
+    """Each copy's info, as the single environment gives it."""
+    result: list[dict[str, Any]] = [{} for _ in range(count)]
+    for name, value in info.items():
+        if name.startswith(("_", "final_")):
+            continue
+        entries = _singles(value, count) if isinstance(value, dict) else value.tolist()
+        present = info[f"_{name}"].tolist()
+        for single, entry, there in zip(result, entries, present, strict=True):
+            if there:
+                single[name] = entry
     return result
