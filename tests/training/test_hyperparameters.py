@@ -4,6 +4,7 @@ import pytest
 import yaml
 from torch import nn
 
+from flag_env.envs.batch import EPISODE_STEPS
 from training.hyperparameters import FOLDER, parse_keywords, read, shipped
 from training.train import Arguments, start
 
@@ -20,17 +21,24 @@ def test_files_have_the_keys_of_rl_zoo3(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_files_make_models(path):
     hyper = read(path, "Flag-v0")
-    algo, _, control = path.stem.partition("-")
-    model = start(Arguments(algo=algo, control=control or "wind"), hyper)
-    assert shipped(algo, control) == path
+    model = start(Arguments(algo=path.stem.partition("-")[0], control="mast" if path.stem == "ppo-mast" else "wind"), hyper)
     assert model.n_envs == hyper.n_envs
     for name in ("gamma", "batch_size"):
         assert getattr(model, name) == hyper.algorithm[name]
     model.get_env().close()
 
 
-def test_there_is_a_file_for_each_algorithm_and_one_for_the_mast():
-    assert [path.stem for path in FILES] == ["ppo-mast", "ppo", "sac"]
+def test_each_algorithm_has_a_file_and_the_mast_one_of_its_own():
+    assert [path.stem for path in FILES] == ["ppo-many", "ppo-mast", "ppo", "sac"]
+    assert [shipped(*task).stem for task in (("ppo", "wind"), ("ppo", "mast"), ("sac", "wind"), ("sac", "mast"))] == [
+        *("ppo", "ppo-mast", "sac", "sac")
+    ]
+
+
+def test_rollouts_of_many_flags_are_whole_episodes_in_whole_minibatches():
+    hyper = read(FOLDER / "ppo-many.yml", "Flag-v0")
+    assert hyper.algorithm["n_steps"] == EPISODE_STEPS
+    assert hyper.n_envs * EPISODE_STEPS % hyper.algorithm["batch_size"] == 0
 
 
 def test_given_numbers_take_the_place_of_the_files():
