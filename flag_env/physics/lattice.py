@@ -175,9 +175,10 @@ class Lattice:
         offset = (step[0] * self.rows + step[1]) * self.cols + step[2]
         if offset <= 0:  # only on lattices too small to hold such a link
             return Family(0, np.zeros(self.size, dtype=bool), 0.0, np.zeros(self.size))
-        start = np.indices(self.shape).reshape(3, -1)[:, : max(self.size - offset, 0)]
-        end = start + np.array(step)[:, None]
-        present = ((end >= 0) & (end < np.array(self.shape)[:, None])).all(axis=0)
+        starts = tuple(slice(max(-by, 0), max(end - max(by, 0), 0)) for by, end in zip(step, self.shape, strict=True))
+        whole = np.zeros(self.shape, dtype=bool)
+        whole[starts] = True
+        present = whole.ravel()[: max(self.size - offset, 0)]
         along, up, across = self.steps
         length = float(np.linalg.norm([step[2] * along, step[0] * across, step[1] * up]))
         profile = self.taper_profile

@@ -6,7 +6,7 @@ Parameters: rate c [1/s], the rate at which a particle left alone slows down.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,8 @@ class AirDrag(Effect):
     rate
         Decay rate of a free particle's velocity [1/s], >= 0.
     """
+
+    lasting: ClassVar[bool] = True
 
     rate: float = 1.5
 

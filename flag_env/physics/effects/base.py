@@ -71,10 +71,13 @@ class Effect:
         A scene holds its effects by rank, those of one rank as given: who moves particles last has the last word.
     breaks
         Whether it may break links while a scene runs, which then lose their stiffness and their damping.
+    lasting
+        Whether its `drag` acts along every direction at every velocity, not only at most.
     """
 
     binds_last: ClassVar[bool] = False
     breaks: ClassVar[bool] = False
+    lasting: ClassVar[bool] = False
     rank: ClassVar[int] = 0
 
     def check(self, lattice: Lattice) -> None:
@@ -95,7 +98,7 @@ class Effect:
         return ()
 
     def drag(self, lattice: Lattice) -> NDArray[np.float64] | None:
-        """Damping of each particle against still air [N s/m], shape (particles,), or None."""
+        """Upper bound of each particle's damping against still air [N s/m], shape (particles,), or None."""
         del lattice
         return None
 

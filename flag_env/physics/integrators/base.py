@@ -45,10 +45,10 @@ class Spectrum(Protocol):
         """
         ...
 
-    def damped_step(self) -> float:
+    def damped_step(self, enough: float = math.inf) -> float:
         """Largest h [s] for which h K <= Z as matrices, counting only damping that acts along every direction in every pose.
 
-        Where links may break, that holds with any of them broken.
+        Where links may break, that holds with any of them broken. `enough` is as in `largest_step`.
         """
         ...
 

@@ -66,7 +66,7 @@ class ExplicitEuler(Integrator):
 
     def limit(self, spectrum: Spectrum) -> float:
         """Smaller of the largest h with h K <= Z and the root of the top eigenvalue of h M^-1 Z at 2 [s]."""
-        elastic = spectrum.damped_step()
+        elastic = spectrum.damped_step(enough=2.0 * spectrum.sure_step(0.0, 1.0, 2.0))
         return min(elastic, spectrum.largest_step(0.0, 1.0, 2.0, enough=elastic))
 
     def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundExplicitEuler:

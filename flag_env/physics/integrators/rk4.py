@@ -23,6 +23,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from flag_env.physics.compose import forces
+from flag_env.physics.definite import root
 from flag_env.physics.integrators.base import Integrator, Spectrum
 from flag_env.physics.integrators.kernels import accumulate, add_multiple, copy_rows
 from flag_env.physics.jit import jit, kernel
@@ -102,10 +103,15 @@ class RK4(Integrator):
 
     def limit(self, spectrum: Spectrum) -> float:
         """Largest h that keeps every mode below all lines of `BULGE` and one of `SAG` [s]."""
-        limit = math.inf
-        for line in sorted(BULGE, key=lambda line: spectrum.sure_step(*line)):  # who binds first spares the others
+        limit, stiff, damped = math.inf, spectrum.sure_step(1.0, 0.0, 1.0) ** -2, 1.0 / spectrum.sure_step(0.0, 1.0, 1.0)
+        # the line that binds if one mode is the fastest and the most damped goes first and spares the others
+        for line in sorted(BULGE, key=lambda line: root(line[0] * stiff, line[1] * damped, line[2])):
             limit = min(limit, spectrum.largest_step(*line, enough=limit))
-        return min(limit, max(spectrum.largest_step(*line, enough=limit) for line in SAG))
+        sag = 0.0
+        for line in SAG:
+            if sag < limit:
+                sag = max(sag, spectrum.largest_step(*line, enough=limit))
+        return min(limit, sag)
 
     def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundRK4:
         """Typed timesteps."""
