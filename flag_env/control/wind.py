@@ -96,11 +96,12 @@ class WindControl(Control):
 
     def apply(self, simulator: Simulator, actions: NDArray[np.floating[Any]]) -> bool:
         """Let u follow the set-points and set the wind's amplitude; see `Control.apply`."""
-        amplitude, *others = simulator.wind_amplitudes
+        amplitudes = simulator.wind_amplitudes
         follow = _compiled_follow(actions.dtype, actions.ndim)
-        finite = follow(actions, _FOLLOW, self._amplitude, self.state, amplitude)
-        for other in others:
-            other[:] = amplitude
+        finite = follow(actions, _FOLLOW, self._amplitude, self.state, amplitudes[0])
+        if len(amplitudes) > 1:
+            for other in amplitudes[1:]:
+                other[:] = amplitudes[0]
         return finite
 
     @staticmethod

@@ -146,6 +146,7 @@ class FlagBatch:
         self.diagonal = scene.lattice.diagonal
         entries = 12 * len(self.nodes) + self.control.state_size + 1
         self.observed = np.zeros((copies, entries), _SINGLE)
+        self._shipped = scene == DEFAULT_SCENE
         self._poses: dict[int, Array] = {}
         self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
 
@@ -163,7 +164,7 @@ class FlagBatch:
         """Start an episode of each of `copies` with the target of the number in `chosen`, or the given target poses."""
         which = np.asarray(copies, np.intp)
         if poses is None:
-            poses = np.stack([self.pose(int(index)) for index in chosen])
+            poses = self.poses(chosen)
         self.simulator.set_state(self._start, copies=None if len(which) == self.copies else [int(copy) for copy in which])
         self.control.reset(self.simulator, which)
         self.target_index[which] = chosen
@@ -196,13 +197,14 @@ class FlagBatch:
         wind = self.simulator.wind()
         return None if wind is None else wind[copy] / wind_of(self.scene, np.ones(3))
 
-    def pose(self, index: int) -> Array:
-        """Target pose of a number [m]: as shipped; in another scene than the default, where its witness leads there."""
-        if self.scene == DEFAULT_SCENE:
-            return np.asarray(self.library.positions[index])
-        if index not in self._poses:
-            self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
-        return self._poses[index]
+    def poses(self, chosen: Sequence[int]) -> Array:
+        """Target poses of these numbers [m]: as shipped; in another scene than the default, where their witnesses lead there."""
+        if self._shipped:
+            return np.asarray(self.library.positions[list(chosen)])
+        for index in chosen:
+            if index not in self._poses:
+                self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
+        return np.stack([self._poses[index] for index in chosen])
 
     @cached_property
     def _looks(self) -> tuple[Callable[[int, int], None], ...]:
@@ -214,9 +216,14 @@ class FlagBatch:
         )  # fmt: skip
         return partial(look, False), partial(look, True)
 
+    @cached_property
+    def rows(self) -> list[NDArray[np.float32]]:
+        """What is observed of each flag: the rows of `observed`, the same memory."""
+        return list(self.observed)
+
     def __getstate__(self) -> dict[str, Any]:
-        """All but machine code."""
-        return {name: value for name, value in self.__dict__.items() if name != "_looks"}
+        """All but machine code and second views of the same memory."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_looks", "rows")}
 
     def _set_ambient_wind(self) -> None:
         if self._windy:

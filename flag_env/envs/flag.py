@@ -157,7 +157,13 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         batch.step(action, self._action_shape)
         observation, distance, diverged = self._view.observation(0), batch.distance.item(), batch.diverged.item()
         terms = self._view.terms(batch.before.item(), distance, observation)
-        info = self._info(terms, distance, batch.success.item(), diverged)
+        info = {
+            "distance": distance,
+            "is_success": batch.success.item(),
+            "reward_terms": terms,
+            "diverged": diverged,
+            "target": self._target,
+        }
         return observation, sum(terms.values()), diverged, False, info
 
     def render(self) -> NDArray[np.uint8] | None:

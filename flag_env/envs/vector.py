@@ -115,23 +115,25 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     ) -> tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Take one control step of every flag; actions of flags that are being reset are not read."""
         shape = (self.num_envs, self._batch.control.size)
-        waiting = self._ended.copy()
-        if waiting.any():
+        waiting = np.flatnonzero(self._ended)
+        if len(waiting):
             if self.autoreset_mode is not AutoresetMode.NEXT_STEP or None in self._rngs:
-                raise ValueError(f"reset() must be called for the copies {np.flatnonzero(waiting).tolist()} before step()")
-            actions = np.where(waiting[:, None], 0.0, actions) if np.shape(actions) == shape else actions
+                raise ValueError(f"reset() must be called for the copies {waiting.tolist()} before step()")
+            actions = np.where(self._ended[:, None], 0.0, actions) if np.shape(actions) == shape else actions
         batch = self._batch
         batch.step(actions, shape)
         observation = self._view.observe()
         terms = self._view.terms(batch.before, batch.distance, observation)
-        terminated = batch.diverged & ~waiting
-        truncated = (batch.elapsed >= self.max_episode_steps) & ~waiting
-        reward = np.where(waiting, 0.0, sum(terms.values()))
-        if waiting.any():
-            self._start(np.flatnonzero(waiting), None)
+        terminated, truncated = batch.diverged.copy(), batch.elapsed >= self.max_episode_steps
+        stepped = ~self._ended
+        if len(waiting):
+            for result in (terminated, truncated, *terms.values()):
+                result[waiting] = 0
+            self._start(waiting, None)
             observation = self._view.observe()
+        reward: Any = sum(terms.values())
         self._ended = terminated | truncated
-        info = self._info(np.ones(self.num_envs, bool), ~waiting, terms)
+        info = self._info(None, stepped, terms)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             observation, info = self._same_step_reset(observation, info)
         return observation, reward, terminated, truncated, info
@@ -165,7 +167,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             final_obs[copy] = self._view.observation(copy)
         final_info = _masked(info, ended)
         self._start(np.flatnonzero(ended), None)
-        fresh = self._info(np.ones(self.num_envs, bool))
+        fresh = self._info()
         live = {
             name: np.where(ended, fresh[name], value) if isinstance(value, np.ndarray) and name[0] != "_" else value
             for name, value in info.items()
@@ -176,24 +178,25 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
 
     def _info(
         self,
-        mask: NDArray[np.bool_],
+        mask: NDArray[np.bool_] | None = None,
         stepped: NDArray[np.bool_] | None = None,
         terms: dict[str, NDArray[np.float64]] | None = None,
     ) -> dict[str, Any]:
-        """Infos as arrays (num_envs,), each with its mask; flags at the start of an episode have no reward terms."""
-        stepped = np.zeros(self.num_envs, bool) if stepped is None else stepped
-        info = {
-            "distance": self._batch.distance.copy(),
-            "is_success": self._batch.success & stepped,
-            "diverged": self._batch.diverged & stepped,
-            "target": self._batch.target_index.copy(),
-        }
-        named = {name: np.where(stepped, term, 0.0) for name, term in (terms or {}).items()}
+        """Infos as arrays (num_envs,) of flags in `mask`, or of all, each with its mask; reward terms of those in `stepped`."""
+        batch, there = self._batch, np.ones(self.num_envs, bool) if mask is None else mask.copy()
         result: dict[str, Any] = {}
-        for name, value in info.items():
-            result |= {name: np.where(mask, value, np.zeros((), value.dtype)), f"_{name}": mask.copy()}
-        result["reward_terms"] = named | {f"_{name}": stepped.copy() for name in named}
-        result["_reward_terms"] = mask.copy()
+        for name, value in (
+            ("distance", batch.distance),
+            ("is_success", batch.success),
+            ("diverged", batch.diverged),
+            ("target", batch.target_index),
+        ):
+            result[name] = value.copy() if mask is None else np.where(mask, value, np.zeros((), value.dtype))
+            result[f"_{name}"] = there.copy()
+        result["reward_terms"] = dict(terms or {})
+        if stepped is not None:
+            result["reward_terms"] |= {f"_{name}": stepped.copy() for name in result["reward_terms"]}
+        result["_reward_terms"] = there
         return result
 
     def _mask(self, mask: Any) -> NDArray[np.bool_]:

@@ -34,7 +34,7 @@ class FlatView:
 
     def observation(self, copy: int) -> Observation:
         """One copy's of these."""
-        return self.batch.observed[copy].copy()
+        return self.batch.rows[copy].copy()
 
     def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
         """Named terms that sum to the rewards, of all copies or, from numbers and its own observation, of one."""

@@ -116,9 +116,9 @@ class Run:
             self._compile()
         if steps > 0 and self.moving:
             self.moving = self._pull(self.x, self.v, self._pinned, self.mast, steps * self.timestep)  # type: ignore[misc]
-        if steps < self._few_steps:
-            return self._share(steps, into, then, 0, len(self.x))
-        return self._shares(steps, into, then)
+        if steps >= self._few_steps:
+            return self._shares(steps, into, then)
+        return self._share(steps, into, then, 0, len(self.x))
 
     def _shares(self, steps: int, into: Reading | None, then: Callable[[int, int], Any] | None) -> int:
         """All copies of `step`, in all threads."""

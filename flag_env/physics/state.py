@@ -69,7 +69,7 @@ class State:
             a.shape[1:] != b.shape[1:] or a.dtype != b.dtype for a, b in zip(mine, theirs, strict=True)
         ):
             raise ValueError("state must come from a simulator of the same scene (pinned particles, effects and dtype)")
-        source = to if count == copies else [0] * len(to)
+        source = to if count == copies else [0]
         running = [copy for copy in source if other.failed_at[copy] < 0]  # those that have stopped hold what they stopped at
         if any(b.dtype.kind == "f" and not np.isfinite(b[running]).all() for b in theirs):
             raise ValueError("state must be finite in all copies that have not diverged")
