@@ -77,7 +77,7 @@ def test_the_presets_are_chosen_on_the_flag_of_the_environments():
     batch = FlagBatch(Settings(), library=replace(library, wind=np.tile(HIDDEN_WIND["breeze"], (len(library), 1))))
     batch.reset([0], [0])
     for _ in range(75):  # after which the actuators have all but reached full action
-        batch.step(np.ones((1, 3)))
+        batch.step(np.ones((1, 3)), (1, 3))
     wind = flag.effects[-1]
     at = np.array(wind.mean) + np.array(wind.amplitude) * np.cos(np.array(wind.frequency) * batch.simulator.time)
     np.testing.assert_allclose(batch.simulator.wind()[0], at, rtol=1e-6)
