@@ -1,5 +1,6 @@
 """One battery over every environment id and its arguments: Gymnasium's and SB3's checkers, determinism, info, bad input."""
 
+import copy
 import itertools
 import json
 import pickle
@@ -134,6 +135,23 @@ def test_actions_outside_the_box_are_clipped(make):
     assert same(env.step(action), clipped.step(np.clip(action, -1, 1)))
 
 
+def test_type_and_memory_of_an_action_make_no_difference(make):
+    size = make().action_space.shape[0]
+    row = np.linspace(-1.5, 1.5, size).astype(np.float32)
+    strided = np.repeat(row, 2)[::2]
+    assert not strided.flags.c_contiguous
+    locked = row.copy()
+    locked.setflags(write=False)
+    swapped = row.astype(row.dtype.newbyteorder())
+    results = []
+    for action in (row, strided, locked, swapped, row.astype(np.float64), [float(entry) for entry in row]):
+        env = make().unwrapped
+        env.reset(seed=0)
+        results.append(env.step(action))
+    assert all(same(result, results[0]) for result in results[1:])
+    np.testing.assert_array_equal(row, np.linspace(-1.5, 1.5, size).astype(np.float32))  # nor are they written to
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_non_finite_action_is_refused_before_anything_changes(make, bad):
     env, untouched = make().unwrapped, make().unwrapped
@@ -167,12 +185,15 @@ def test_a_diverged_flag_ends_the_episode_with_finite_numbers(make):
     assert same((observation, info), make().reset(seed=0))
 
 
-def test_pickled_in_mid_episode_goes_on_alike(make):
+@pytest.mark.parametrize("twin_of", [lambda env: pickle.loads(pickle.dumps(env)), copy.deepcopy], ids=["pickled", "copied"])
+def test_a_twin_made_in_mid_episode_goes_on_alike(make, twin_of):
     env = make().unwrapped
     episode(env, 6, steps=5)
-    twin = pickle.loads(pickle.dumps(env))
+    twin = twin_of(env)
     action = np.full(env.action_space.shape, 0.3)
-    assert same(env.step(action), twin.step(action))
+    own = env.step(action)
+    assert same(own, twin.step(action))
+    assert same(env.step(action), twin.step(action))  # and each in memory of its own
 
 
 def test_frame(make):

@@ -91,6 +91,16 @@ def test_step_before_reset_and_bad_masks_are_refused():
         native(num_envs=0)
 
 
+def test_memory_of_actions_makes_no_difference():
+    rows = np.random.default_rng(3).uniform(-1.5, 1.5, (3, 3)).astype(np.float32)
+    results = []
+    for given in (rows, np.asfortranarray(rows), rows.repeat(2, axis=1)[:, ::2], rows.astype(np.float64), rows.tolist()):
+        envs = native()
+        envs.reset(seed=0)
+        results.append(envs.step(given))
+    assert all(same(result, results[0]) for result in results[1:])
+
+
 def test_non_finite_action_of_one_flag_is_refused_before_anything_changes():
     env, untouched = native(), native()
     env.reset(seed=0)

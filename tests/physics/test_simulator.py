@@ -189,6 +189,26 @@ def test_copies_do_not_know_of_each_other_nor_of_threads(dtype):
         np.testing.assert_array_equal(single.velocities[0], sims[0].velocities[copy])
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_each_block_of_copies_is_reported_once_it_has_been_read(threads):
+    sim, plain = (Simulator(windy(), copies=5, seed=3, threads=threads) for _ in range(2))
+    reading, seen = sim.reading(), {}
+
+    def then(first, last):
+        for copy in range(first, last):
+            assert copy not in seen
+            seen[copy] = reading.positions[copy].copy(), reading.velocities[copy].copy()
+
+    assert sim.step_into(300, reading, then) == 5
+    plain.step(300)
+    assert sorted(seen) == [0, 1, 2, 3, 4]
+    for copy, (positions, velocities) in seen.items():
+        np.testing.assert_array_equal(positions, plain.positions[copy])
+        np.testing.assert_array_equal(velocities, plain.velocities[copy])
+    with pytest.raises(ZeroDivisionError):  # in whichever thread
+        sim.step_into(300, reading, lambda first, last: 1 // (first - first))
+
+
 def test_forking_and_spawning_after_threads_ran(run_python, tmp_path):
     (tmp_path / "worker.py").write_text("def work(sim):\n    sim.step(300)\n    return sim.positions\n")
     script = """
