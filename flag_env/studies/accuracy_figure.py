@@ -70,8 +70,9 @@ def _work(axes: Any, scene: str, rows: list[dict[str, Any]]) -> None:
             row["method"], place, xytext=offset, textcoords="offset points", ha=side,
             fontsize=9, color="#a1146a", weight="bold", zorder=6,
         ).set_in_layout(False)  # fmt: skip
-    axes.margins(x=0.1)
     axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    axes.set_xlim(low * (low / high) ** 0.18, high)  # room for the presets' names
     axes.set_yscale("log")
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())
@@ -104,7 +105,7 @@ def _space(axes: Any, space: list[dict[str, Any]]) -> None:
         axes.plot(seconds, [row[quantity] for row in space[:-1]], "o-", color=colour, label=quantity.split()[2] + " s")
     for row in space[:-1]:
         place = row["wall time per simulated s"], row[quantities[-1]]
-        axes.annotate(row["lattice"], place, xytext=(0, 8), textcoords="offset points", ha="center", fontsize=9)
+        axes.annotate(row["lattice"], place, xytext=(5, 5), textcoords="offset points", fontsize=9)
     axes.axvline(space[-1]["wall time per simulated s"], color="#9aa3ad", linestyle="--", linewidth=1)
     finest = space[-1]["wall time per simulated s"]
     axes.text(finest, 0.03, f"{space[-1]['lattice']} ", ha="right", transform=axes.get_xaxis_transform(), fontsize=9)
