@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -123,6 +123,8 @@ class FlagBatch:
         Whether the simulation left the finite numbers, or the room; the flag then shows its last state that had not.
     observed : (copies, entries) float32
         Nodes' positions, velocities, targets, differences, actuators, time left.
+    rows : list of (entries,) float32
+        The same, and the same memory, of each flag.
     """
 
     def __init__(self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None) -> None:
@@ -149,6 +151,7 @@ class FlagBatch:
         self._shipped = scene == DEFAULT_SCENE
         self._poses: dict[int, Array] = {}
         self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
+        self._bind()
 
     @property
     def copies(self) -> int:
@@ -175,7 +178,7 @@ class FlagBatch:
         self.held[which] = 0
         self.success[which] = self.diverged[which] = False
         self.now.x[which], self.now.v[which] = self._start_positions, 0.0
-        self._looks[False](0, self.copies)
+        self._look_at_start(0, self.copies)
 
     def step(self, action: Any, shape: tuple[int, ...]) -> None:
         """Take one control step under an action of `shape`, copies x size entries, clipped to [-1, 1].
@@ -190,7 +193,7 @@ class FlagBatch:
             raise ValueError(f"action must have the shape {shape}, got {given.shape}")
         if not self.control.apply(self.simulator, given):
             raise ValueError(f"action must be finite, got {action!r}")
-        self.simulator.step_into(self.steps_per_action, self.now, self._looks[True])
+        self.simulator.step_into(self.steps_per_action, self.now, self._look_after_step)
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
@@ -206,24 +209,22 @@ class FlagBatch:
                 self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
         return np.stack([self._poses[index] for index in chosen])
 
-    @cached_property
-    def _looks(self) -> tuple[Callable[[int, int], None], ...]:
-        """Functions that look at the flags from a first to before a last, which have taken no step, or one."""
+    def _bind(self) -> None:
+        """Tie machine code to the batch's arrays: looks at the flags from a first to before a last. And rows to `observed`."""
         look = partial(
             glance.look(), self.now.x, self.now.v, self._last.x, self._last.v, self._targets, self.nodes, self.control.state,
             ROOM, FASTEST, self.diagonal, self.control.close * self.diagonal, self.settings.tolerance, HOLD_STEPS, EPISODE_STEPS,
             LIMIT, self.elapsed, self.held, self.before, self.distance, self.success, self.diverged, self.observed,
         )  # fmt: skip
-        return partial(look, False), partial(look, True)
-
-    @cached_property
-    def rows(self) -> list[NDArray[np.float32]]:
-        """What is observed of each flag: the rows of `observed`, the same memory."""
-        return list(self.observed)
+        self._look_at_start, self._look_after_step = partial(look, False), partial(look, True)
+        self.rows = list(self.observed)
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but machine code and second views of the same memory."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_looks", "rows")}
+        return {**self.__dict__, "_look_at_start": None, "_look_after_step": None, "rows": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._bind()
 
     def _set_ambient_wind(self) -> None:
         if self._windy:
