@@ -28,6 +28,9 @@ SHARP = 1e-9
 _SPAN = 10
 """Vectors in a span."""
 
+_CARE = 4.0
+"""What a span may miss, in units of what its last two vectors brought."""
+
 _TURNS = 200
 """Many more factors than it ever takes."""
 
@@ -51,11 +54,13 @@ class Pencil:
         p, q and r.
     parts
         K and Z for a step: the same for every one, but where links may break. `Banded`, or sparse where that is too wide.
+    work
+        Memory of a band's size for the factor; None for sparse parts.
     """
 
-    def __init__(self, line: Line, parts: Callable[[float], tuple[Any, Any]]) -> None:
+    def __init__(self, line: Line, parts: Callable[[float], tuple[Any, Any]], work: Array | None) -> None:
         self._line, self._parts = line, parts
-        self._work: tuple[Array, Array] | None = None
+        self._work = work
 
     def is_definite(self, step: float) -> bool:
         """Whether G(step) is positive definite."""
@@ -117,19 +122,16 @@ class Pencil:
             last, (stiffness, damping) = stiffness, self._parts(min(upper, found))
             if stiffness is last:
                 near = found < (1.0 + 0.1 * SHARP) * upper
-                return min(upper, found), 4.0 * (some - found) if near else math.inf, mix @ rows
+                return min(upper, found), _CARE * (some - found) if near else math.inf, mix @ rows
             times = np.stack([stiffness @ row for row in rows])  # fewer links are worse whole than broken
 
     def _factor(self, step: float) -> Callable[[Array], Array] | None:
         """Solves with G(step), until the next is made; None where that is not positive definite."""
         p, q, r = self._line
         stiffness, damping = self._parts(step)
-        if isinstance(stiffness, Banded):
-            if self._work is None:
-                self._work = np.empty_like(stiffness.band), np.empty_like(stiffness.band)
-            band, other = self._work
-            np.multiply(stiffness.band, -p * step**2, out=band)
-            band -= np.multiply(damping.band, q * step, out=other)
+        if self._work is not None:
+            band = np.multiply(stiffness.band, -p * step**2, out=self._work)
+            blas.daxpy(damping.band.ravel("K"), band.ravel("K"), a=-q * step)
             band[0] += r
             lower, failed = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
             return None if failed else lambda vector: lapack.dpbtrs(lower, vector, lower=1)[0]

@@ -48,6 +48,7 @@ class SceneSpectrum:
 
     def __init__(self, lattice: Lattice, effects: tuple[Effect, ...], scales: Scales | None = None) -> None:
         self._lattice, self._effects, self._scales = lattice, effects, scales or {}
+        self._last: NDArray[np.float64] | None = None  # the modes of neighbouring lines are much alike
         self._holding: dict[bytes, tuple[Any, Any]] = {}
 
     @cached_property
@@ -84,12 +85,12 @@ class SceneSpectrum:
         links = self._links
         return links.largest_sum(links.stiffness), links.largest_sum(links.viscosity, links.drag)
 
-    def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf) -> float:
+    def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf, least: float = 0.0) -> float:
         """See `Spectrum`. Where bound I - quadratic h^2 K - linear h Z ceases to be positive definite."""
         step, line = self.sure_step(quadratic, linear, bound), (quadratic, linear, bound)
         if step > min(enough, _FOREVER):
             return step if step <= _FOREVER else math.inf
-        return self._coarse_step(line, step, enough) if self._is_large else self._edge(line, step, enough)[0]
+        return self._coarse_step(line, step, enough) if self._is_large else self._edge(line, step, enough, least)[0]
 
     def damped_step(self, enough: float = math.inf) -> float:
         """See `Spectrum`. Where Z - h K ceases to be positive definite; 0 where a mode is elastic but not damped."""
@@ -104,11 +105,17 @@ class SceneSpectrum:
             step = min(step, float(vector @ (damping @ vector)) / elastic)
         return step if step > _DAMPED * fastest else 0.0
 
-    def _edge(self, line: Line, step: float, enough: float) -> tuple[float, NDArray[np.float64]]:
-        pencil, start = Pencil(line, partial(self._parts, line)), self._start
+    def _edge(self, line: Line, step: float, enough: float, least: float = 0.0) -> tuple[float, NDArray[np.float64]]:
+        pencil = Pencil(line, partial(self._parts, line), self._work)
         if math.isfinite(enough) and pencil.is_definite(enough):
-            return enough, np.zeros_like(start)
-        return pencil.edge(step, enough, start)
+            return enough, np.zeros_like(self._random)
+        if least > step:
+            if not pencil.is_definite(least):
+                return step, np.zeros_like(self._random)
+            step = least
+        step, vector = pencil.edge(step, enough, self._random if self._last is None else self._last + 0.1 * self._random)
+        self._last = vector
+        return step, vector
 
     def _parts(self, line: Line, step: float) -> tuple[Any, Any]:
         """K, and Z or, where q < 0, the part of it that lasts, for which the line is worst at a step, whichever links are broken.
@@ -144,14 +151,19 @@ class SceneSpectrum:
         return make(self._links.lasting, self._links.lasting_drag)
 
     @cached_property
-    def _start(self) -> NDArray[np.float64]:
-        return np.random.default_rng(0).standard_normal(self._lattice.size)
+    def _random(self) -> NDArray[np.float64]:
+        vector = np.random.default_rng(0).standard_normal(len(self.free) if self._is_large else self._lattice.size)
+        return np.asarray(vector / np.linalg.norm(vector))
+
+    @cached_property
+    def _work(self) -> NDArray[np.float64] | None:
+        return None if self._is_large else np.empty_like(self._springs.band)
 
     def _coarse_step(self, line: Line, step: float, enough: float) -> float:
         """Newton's iteration on h from above: with the top vector u of p h^2 K + q h Z, the root of p h^2 u'Ku + q h u'Zu = r."""
         p, q, r = line
         step = enough if math.isfinite(enough) else step
-        vector = self._start[self.free]
+        vector = self._random
         for _ in range(50):
             stiffness, damping = self._parts(line, step)
             matrix = p * step**2 * stiffness + q * step * damping

@@ -2,13 +2,12 @@
 
 A small flag is shaken and put into a wind, at every stiffness (or viscosity) and timestep of a grid, with every integrator. It
 stays a flag, it grows (a link ends at more than one and a half times its length), or it diverges (numbers that are not finite).
-Besides: how sharp the limit is on random scenes (`margins`), what it costs to know it, and what looking for non-finite numbers
-costs.
+Besides: how sharp the limit is on random scenes (`margins`), what it costs to know it (`limit_times`), and what looking for
+non-finite numbers costs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,12 @@ from matplotlib.patches import Patch
 from tqdm import tqdm
 
 from flag_env.physics import Diverged, Scene, Simulator, compose, diagnostics, max_timestep, presets
-from flag_env.physics import stability as limits
 from flag_env.physics.effects import CosineWind
 from flag_env.physics.integrators import Implicit
 from flag_env.physics.integrators.base import Integrator
 from flag_env.physics.jit import jit
 from flag_env.studies import report
+from flag_env.studies.limit_times import limit_times
 from flag_env.studies.margins import METHODS, margins
 from flag_env.studies.timing import fastest
 
@@ -83,29 +82,6 @@ def chart(method: Integrator, varied: str, columns: int, rows: int) -> dict[str,
     }
 
 
-LIMITED = {
-    "flag": presets.flag(20, 32),
-    "undamped": presets.flag(20, 32, viscosity=0.0),
-    "overdamped": presets.flag(20, 32, viscosity=0.2),
-    "two layers": presets.two_layer_flag(20, 32),
-    "two layers, undamped": presets.two_layer_flag(20, 32, viscosity=0.0),
-    "two layers, overdamped": presets.two_layer_flag(20, 32, viscosity=0.2),
-}
-"""Flags of 20 x 32 particles whose limit is looked for against the clock."""
-
-
-def limit_times(rounds: int) -> list[dict[str, Any]]:
-    """Milliseconds to know the limit of each flag of `LIMITED`, a row for each integrator; the last column is from memory."""
-    rows = []
-    for method in METHODS:
-        flags = {name: flag.replace(integrator=method) for name, flag in LIMITED.items()}
-        jobs: dict[str, Callable[[], Any]] = {name: partial(max_timestep, flag) for name, flag in flags.items()}
-        times = fastest(jobs, rounds, prepare=dict.fromkeys(jobs, limits._limit.cache_clear))
-        again = fastest({"again": jobs["flag"]}, rounds)
-        rows.append({"integrator": type(method).__name__, **{f"{name} [ms]": 1e3 * t for name, t in (times | again).items()}})
-    return rows
-
-
 @jit
 def _checks(x: Any, v: Any, count: int) -> int:
     found = 0
@@ -138,7 +114,7 @@ def run(output: Path, quick: bool) -> None:
                 charts.append(chart(method, varied, *size))
                 bar.update()
     random = [margins(method, 6 if quick else 300) for method in tqdm(METHODS, desc="random scenes")]
-    costs, checks = limit_times(3 if quick else 20), check_cost(5 if quick else 30)
+    costs, checks = limit_times(2, 5) if quick else limit_times(20, 200), check_cost(5 if quick else 30)
     counts = ("integrator", "varied", "unstable below the limit", "cells below", "stable above 1.35 limits", "cells above")
     rows = [{name: one[name] for name in counts} for one in charts]
     report.write(output, "stability", rows, _figure(charts), random=random, limit_times=costs, finite_check=checks, maps=charts)

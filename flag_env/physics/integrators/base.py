@@ -37,11 +37,12 @@ class Spectrum(Protocol):
         """A step [s] that is no larger than `largest_step`, known at once; some ten per cent to a half smaller."""
         ...
 
-    def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf) -> float:
+    def largest_step(self, quadratic: float, linear: float, bound: float, enough: float = math.inf, least: float = 0.0) -> float:
         """Largest h [s] for which the top eigenvalue of M^-1 (quadratic h^2 K + linear h Z) does not exceed `bound`.
 
         With linear < 0, Z is only damping that acts along every direction in every pose; where links may break, that holds with
-        any of them broken. Where it is larger than `enough`, so is the answer, but no more is promised: that is quickly seen.
+        any of them broken. Where it is at least `enough`, so is the answer, but no more is promised: that is quickly seen.
+        Likewise where it is below `least`.
         """
         ...
 

@@ -103,14 +103,17 @@ class RK4(Integrator):
 
     def limit(self, spectrum: Spectrum) -> float:
         """Largest h that keeps every mode below all lines of `BULGE` and one of `SAG` [s]."""
-        limit, stiff, damped = math.inf, spectrum.sure_step(1.0, 0.0, 1.0) ** -2, 1.0 / spectrum.sure_step(0.0, 1.0, 1.0)
-        # the line that binds if one mode is the fastest and the most damped goes first and spares the others
-        for line in sorted(BULGE, key=lambda line: root(line[0] * stiff, line[1] * damped, line[2])):
+        stiff, damped = spectrum.sure_step(1.0, 0.0, 1.0) ** -2, 1.0 / spectrum.sure_step(0.0, 1.0, 1.0)
+
+        def guess(line: tuple[float, float, float]) -> float:
+            return root(line[0] * stiff, line[1] * damped, line[2])  # right if one mode is the fastest and the most damped
+
+        limit, sag = math.inf, 0.0
+        for line in sorted(BULGE, key=guess):  # who binds first spares the others
             limit = min(limit, spectrum.largest_step(*line, enough=limit))
-        sag = 0.0
-        for line in SAG:
+        for line in sorted(SAG, key=guess, reverse=True):
             if sag < limit:
-                sag = max(sag, spectrum.largest_step(*line, enough=limit))
+                sag = max(sag, spectrum.largest_step(*line, enough=limit, least=sag))
         return min(limit, sag)
 
     def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundRK4:
