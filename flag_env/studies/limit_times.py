@@ -80,8 +80,8 @@ def random_flag(random: np.random.Generator) -> Scene:
 def limit_times(rounds: int, scenes: int) -> list[dict[str, Any]]:
     """A row for each flag, for the median and the worst of so many random ones, and for a limit that is remembered."""
     rows = [_row(name, flag, rounds) for name, flag in tqdm(flags().items(), desc="limits", leave=False)]
-    drawn = (random_flag(np.random.default_rng(number)) for number in range(scenes))
-    random = [_row("", flag, max(2, rounds // 4)) for flag in tqdm(drawn, total=scenes, desc="limits of random flags", leave=False)]
+    seeds, fewer = tqdm(range(scenes), desc="limits of random flags", leave=False), max(2, rounds // 4)
+    random = [_row("", random_flag(np.random.default_rng(seed)), fewer) for seed in seeds]
     names = [type(method).__name__ for method in METHODS]
     for name, of in (("median", np.median), ("worst", np.max)):
         found = {method: float(of([row[method] for row in random])) for method in names}
