@@ -72,7 +72,7 @@ def _work(axes: Any, scene: str, rows: list[dict[str, Any]]) -> None:
         ).set_in_layout(False)  # fmt: skip
     axes.set_xscale("log")
     low, high = axes.get_xlim()
-    axes.set_xlim(low * (low / high) ** 0.18, high)  # room for the presets' names
+    axes.set_xlim(low * (low / high) ** 0.22, high)  # room for the presets' names
     axes.set_yscale("log")
     axes.xaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_minor_locator(NullLocator())

@@ -31,10 +31,15 @@ SEEDS = 32
 FRAME = 0.02
 """Seconds between two looks at a flag."""
 
+KEPT = 5
+"""Looks at two copies from one that is kept to the next."""
+
 QUANTILES = (0.5, 0.95, 0.99)
 """Of the strain of structural links."""
 
 _SMALL, _LARGE = 1e-9, 1e-3
+_ROUND_OFF = 1e-14
+"""Distance below which rounding keeps copies apart [m]."""
 
 Array = NDArray[np.float64]
 
@@ -54,10 +59,13 @@ def growth(scene: Scene, seconds: float) -> dict[str, Any]:
         times.append(simulator.time)
         apart.append(float(np.sqrt(((x[1] - x[0]) ** 2).sum(axis=-1).mean())))
     t, d = np.array(times), np.array(apart)
-    large = np.flatnonzero(d > _LARGE)
-    usable = slice(len(t) // 10, large[0] if len(large) else None)
+    first = min(len(t) // 10, round(1.0 / FRAME))
+    ends = np.flatnonzero((d[first:] > _LARGE) | (d[first:] < _ROUND_OFF))
+    usable = slice(first, first + ends[0] if len(ends) else None)
     rate = float(np.polyfit(t[usable], np.log(d[usable]), 1)[0])
-    return {"times": times, "distances": apart, "rate": rate, "horizon": math.log(_LARGE / _SMALL) / rate if rate > 0 else None}
+    kept = slice(None, None, KEPT)
+    until = math.log(_LARGE / _SMALL) / rate if rate > 0 else None
+    return {"times": times[kept], "distances": apart[kept], "rate": rate, "horizon": until}
 
 
 def watch(scene: Scene, settle: float, seconds: float) -> dict[str, Any]:
