@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -17,11 +17,13 @@ from flag_env.envs import glance
 from flag_env.physics import Diverged, Scene, Simulator, presets, validate
 from flag_env.physics.effects import Wind
 from flag_env.physics.integrators import LFAB
+from flag_env.physics.reading import Reading
 from flag_env.physics.stability import timestep_of
 from flag_env.physics.tuning import on_frames
 from flag_env.tasks.targets import SPLITS, Targets, load_targets
 
 Array = NDArray[np.float64]
+Look = Callable[[int, int], None]
 
 LEVELS = ("calm", "breeze")
 """calm: the wind is known; breeze: each target comes with a hidden wind that the agent must feel through the flag."""
@@ -127,6 +129,9 @@ class FlagBatch:
         The same, and the same memory, of each flag.
     """
 
+    _look_at_now: Look
+    _look_at_last: Look
+
     def __init__(self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None) -> None:
         self.settings = settings
         scene = settings.resolved_scene()
@@ -178,7 +183,7 @@ class FlagBatch:
         self.held[which] = 0
         self.success[which] = self.diverged[which] = False
         self.now.x[which], self.now.v[which] = self._start_positions, 0.0
-        self._look_at_start(0, self.copies)
+        self._look(self.now, self._last, stepped=False)(0, self.copies)
 
     def step(self, action: Any, shape: tuple[int, ...]) -> None:
         """Take one control step under an action of `shape`, copies x size entries, clipped to [-1, 1].
@@ -193,7 +198,9 @@ class FlagBatch:
             raise ValueError(f"action must have the shape {shape}, got {given.shape}")
         if not self.control.apply(self.simulator, given):
             raise ValueError(f"action must be finite, got {action!r}")
-        self.simulator.step_into(self.steps_per_action, self.now, self._look_after_step)
+        self.now, self._last = self._last, self.now
+        self._look_at_now, self._look_at_last = self._look_at_last, self._look_at_now
+        self.simulator.step_into(self.steps_per_action, self.now, self._look_at_now)
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
@@ -210,17 +217,21 @@ class FlagBatch:
         return np.stack([self._poses[index] for index in chosen])
 
     def _bind(self) -> None:
-        """Tie machine code to the batch's arrays: looks at the flags from a first to before a last. And rows to `observed`."""
-        look = partial(
-            glance.look(), self.now.x, self.now.v, self._last.x, self._last.v, self._targets, self.nodes, self.control.state,
-            ROOM, FASTEST, self.diagonal, self.control.close * self.diagonal, self.settings.tolerance, HOLD_STEPS, EPISODE_STEPS,
-            LIMIT, self.elapsed, self.held, self.before, self.distance, self.success, self.diverged, self.observed,
-        )  # fmt: skip
-        self._look_at_start, self._look_after_step = partial(look, False), partial(look, True)
+        """Tie machine code to the batch's arrays, and rows to `observed`."""
+        self._look_at_now = self._look(self.now, self._last, stepped=True)
+        self._look_at_last = self._look(self._last, self.now, stepped=True)
         self.rows = list(self.observed)
 
+    def _look(self, now: Reading, last: Reading, stepped: bool) -> Look:
+        """Function that looks at the flags from a first to before a last, which have taken a step or not."""
+        return partial(
+            glance.look(), now.x, now.v, last.x, last.v, self._targets, self.nodes, self.control.state,
+            ROOM, FASTEST, self.diagonal, self.control.close * self.diagonal, self.settings.tolerance, HOLD_STEPS, EPISODE_STEPS,
+            LIMIT, self.elapsed, self.held, self.before, self.distance, self.success, self.diverged, self.observed, stepped,
+        )  # fmt: skip
+
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_look_at_start": None, "_look_after_step": None, "rows": None}
+        return {**self.__dict__, "_look_at_now": None, "_look_at_last": None, "rows": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

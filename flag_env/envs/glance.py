@@ -44,9 +44,6 @@ def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, act
                     v[copy, i] = last_v[copy, i]
                     difference = x[copy, i] - target[copy, i]
                     square += difference * difference
-        for i in range(x.shape[1]):
-            last_x[copy, i] = x[copy, i]
-            last_v[copy, i] = v[copy, i]
         if stepped:
             before[copy] = distance[copy]
         distance[copy] = (square / particles) ** 0.5 / diagonal
