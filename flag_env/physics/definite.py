@@ -66,6 +66,12 @@ class Pencil:
         """Whether G(step) is positive definite."""
         return self._factor(step) is not None
 
+    def root_of(self, vector: Array) -> float:
+        """Step at which u' G(h) u = 0: that h at least."""
+        stiffness, damping = self._parts(math.inf)
+        p, q, r = self._line
+        return root(p * float(vector @ (stiffness @ vector)), q * float(vector @ (damping @ vector)), r * float(vector @ vector))
+
     def edge(self, lower: float, upper: float, start: Array) -> tuple[float, Array]:
         """That h, at most `SHARP` below, and the vector u.
 

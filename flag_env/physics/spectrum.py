@@ -34,6 +34,9 @@ _GROWTH = 1e-12
 _DAMPED = 1e-4
 """Smallest step that damping earns, in units of what the fastest oscillation would allow; below it a mode is all but undamped."""
 
+_NEAR = 3e-4
+"""How far below the root of another line's vector an edge is sought first."""
+
 
 class SceneSpectrum:
     """Mass-scaled stiffness and damping of a scene's free particles, bounded over all poses.
@@ -48,7 +51,7 @@ class SceneSpectrum:
 
     def __init__(self, lattice: Lattice, effects: tuple[Effect, ...], scales: Scales | None = None) -> None:
         self._lattice, self._effects, self._scales = lattice, effects, scales or {}
-        self._last: NDArray[np.float64] | None = None  # the modes of neighbouring lines are much alike
+        self._last: NDArray[np.float64] | None = None
         self._holding: dict[bytes, tuple[Any, Any]] = {}
 
     @cached_property
@@ -113,9 +116,14 @@ class SceneSpectrum:
             if not pencil.is_definite(least):
                 return step, np.zeros_like(self._random)
             step = least
-        step, vector = pencil.edge(step, enough, self._random if self._last is None else self._last + 0.1 * self._random)
-        self._last = vector
-        return step, vector
+        start = self._random
+        if self._last is not None:  # the modes of neighbouring lines are much alike
+            start = self._last + 0.1 * self._random
+            near = (1.0 - _NEAR) * min(enough, pencil.root_of(self._last))
+            if step < near < math.inf and pencil.is_definite(near):
+                step = near
+        step, self._last = pencil.edge(step, enough, start)
+        return step, self._last
 
     def _parts(self, line: Line, step: float) -> tuple[Any, Any]:
         """K, and Z or, where q < 0, the part of it that lasts, for which the line is worst at a step, whichever links are broken.
