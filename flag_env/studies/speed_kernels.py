@@ -123,7 +123,7 @@ def growing(quick: bool) -> list[Row]:
         scene = springs(up, along, "float32").replace(timestep=1e-6)
         steps = max(1, 300_000 // scene.lattice.size)
         jobs[up, along], work[up, along] = _stepping(Simulator(scene, threads=1), steps), steps * scene.lattice.size
-    times = fastest(jobs, 5 if quick else 20)
+    times = fastest(jobs, 30 if quick else 120)
     cost = {size: 1e9 * times[size] / work[size] for size in jobs}
     sizes = np.log([up * along for up, along in cost])
     slope = float(np.polyfit(sizes, np.log(list(cost.values())), 1)[0])
