@@ -132,15 +132,15 @@ class Run:
 
         return sum(self._threads.run(work, threads))
 
-    def failure(self, steps: int, time: float) -> Diverged | None:
-        """What has gone wrong in the last `steps` steps, which end at `time` [s], if anything has, or if nothing runs on."""
+    def failure(self, steps: int, taken: int) -> Diverged | None:
+        """What has gone wrong in the last `steps` steps of all `taken`, if anything has, or if nothing runs on."""
         new = np.flatnonzero(self.failed_at > 0)
         if not len(new) and (self.failed_at < 0).any():
             return None
         copy = int(new[0]) if len(new) else 0
         late = steps - int(self.failed_at[copy]) if len(new) else 0
         particle = np.unravel_index(self.failed_particle[copy], self.scene.lattice.shape)
-        return Diverged(time - late * self.timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
+        return Diverged((taken - late) * self.timestep, copy, tuple(int(i) for i in particle))  # type: ignore[arg-type]
 
     def _share(
         self, steps: int, into: Reading | None, then: Callable[[int, int], Any] | None, first: int, last: int, thread: int = 0

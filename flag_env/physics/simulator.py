@@ -234,7 +234,7 @@ class Simulator:
         if n == 0:
             return
         self._steps_taken += n
-        if self._run.step(n, None) < self._copies and (failure := self._run.failure(n, self.time)):
+        if self._run.step(n, None) < self._copies and (failure := self._run.failure(n, self._steps_taken)):
             raise failure
 
     def reading(self) -> Reading:
