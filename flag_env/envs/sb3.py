@@ -107,9 +107,15 @@ class FlagSB3VecEnv(VecEnv):
         return self.env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of each copy: what `set_attr` gave it, else the environment's."""
-        own = (self._attributes[copy] for copy in self._get_indices(indices))
-        return [mine[attr_name] if attr_name in mine else getattr(self.env, attr_name) for mine in own]
+        """An attribute of each copy: what `set_attr` gave it, else as its single environment has it; all share a simulator."""
+        own = ((copy, self._attributes[copy]) for copy in self._get_indices(indices))
+        return [mine[attr_name] if attr_name in mine else self._attribute(attr_name, copy) for copy, mine in own]
+
+    def _attribute(self, name: str, copy: int) -> Any:
+        if name in ("observation_space", "action_space"):
+            return getattr(self, name)
+        value = getattr(self.env, name)
+        return value[copy] if name == "target" else value
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Give an attribute to these copies."""

@@ -22,6 +22,7 @@ from flag_env.envs.flag import RENDER_MODES, checked_render_mode, chosen_target
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView, GoalView, goal_reward
 from flag_env.physics import Scene, Simulator, validate
+from flag_env.tasks.targets import Targets
 
 
 class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
@@ -86,6 +87,16 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def simulator(self) -> Simulator:
         """The simulator of all flags."""
         return self._batch.simulator
+
+    @property
+    def library(self) -> Targets:
+        """The targets of the split, with their witnesses."""
+        return self._batch.library
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """Target positions [m], shape (num_envs, layers, rows, cols, 3)."""
+        return np.array(self._batch.target)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None

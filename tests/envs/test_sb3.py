@@ -97,6 +97,17 @@ def test_attributes_belong_to_one_copy():
     assert env.env_is_wrapped(gymnasium.Wrapper) == [False] * 3
 
 
+def test_attributes_are_those_of_single_environments():
+    ours, theirs = FlagSB3VecEnv(3), DummyVecEnv([lambda: gymnasium.make("Flag-v0").unwrapped] * 3)
+    for env in (ours, theirs):
+        env.seed(4)
+        env.reset()
+    assert same(ours.get_attr("target"), theirs.get_attr("target"))
+    for name in ("library", "observation_space", "action_space", "render_mode"):
+        assert ours.get_attr(name) == theirs.get_attr(name)
+    assert not np.array_equal(*ours.get_attr("target", indices=[0, 2]))
+
+
 def test_unknown_id_is_named():
     with pytest.raises(ValueError, match=r"env_id must be one of .*, got .Pole-v0."):
         FlagSB3VecEnv(2, "Pole-v0")
