@@ -193,11 +193,8 @@ class FlagBatch:
         ValueError
             If the action is of another shape or not finite; nothing has changed then.
         """
-        given = action if type(action) is np.ndarray and action.dtype is _SINGLE else np.asarray(action, np.float64)
-        if given.shape != shape:
-            raise ValueError(f"action must have the shape {shape}, got {given.shape}")
-        if not self.control.apply(self.simulator, given):
-            raise ValueError(f"action must be finite, got {action!r}")
+        if not self.control.apply(self.simulator, _shaped(action, shape)):
+            raise _not_finite(action)
         self.now, self._last = self._last, self.now
         self._look_at_now, self._look_at_last = self._look_at_last, self._look_at_now
         self.simulator.step_into(self.steps_per_action, self.now, self._look_at_now)
@@ -240,6 +237,23 @@ class FlagBatch:
     def _set_ambient_wind(self) -> None:
         if self._windy:
             self.simulator.set_wind(mean=wind_of(self.scene, WIND + self.hidden_wind))
+
+
+def check_action(action: Any, shape: tuple[int, ...]) -> None:
+    """Raise the ValueError of `FlagBatch.step`, if any."""
+    if not np.isfinite(_shaped(action, shape)).all():
+        raise _not_finite(action)
+
+
+def _shaped(action: Any, shape: tuple[int, ...]) -> NDArray[np.floating[Any]]:
+    given = action if type(action) is np.ndarray and action.dtype is _SINGLE else np.asarray(action, np.float64)
+    if given.shape != shape:
+        raise ValueError(f"action must have the shape {shape}, got {given.shape}")
+    return given
+
+
+def _not_finite(action: Any) -> ValueError:
+    return ValueError(f"action must be finite, got {action!r}")
 
 
 def _observed_nodes(scene: Scene) -> NDArray[np.int64]:

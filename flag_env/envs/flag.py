@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flag_env.control.base import CONTROL_STEP
-from flag_env.envs.batch import FlagBatch, Settings
+from flag_env.envs.batch import FlagBatch, Settings, check_action
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView
 from flag_env.physics import Scene, Simulator, validate
@@ -153,17 +153,12 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """Take one control step of 0.04 s."""
         batch = self._batch
         if not self._started:
+            check_action(action, self._action_shape)
             raise gymnasium.error.ResetNeeded("reset() must be called before step()")
         batch.step(action, self._action_shape)
         observation, distance, diverged = self._view.observation(0), batch.distance.item(), batch.diverged.item()
         terms = self._view.terms(batch.before.item(), distance, observation)
-        info = {
-            "distance": distance,
-            "is_success": batch.success.item(),
-            "reward_terms": terms,
-            "diverged": diverged,
-            "target": self._target,
-        }
+        info = self._info(terms, distance, batch.success.item(), diverged)
         return observation, sum(terms.values()), diverged, False, info
 
     def render(self) -> NDArray[np.uint8] | None:

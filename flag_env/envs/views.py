@@ -55,16 +55,20 @@ class GoalView(FlatView):
 
     def observe(self) -> Observation:
         """Observations of all copies, fresh memory."""
-        n, whole = 3 * len(self.batch.nodes), self.batch.observed
-        return {
-            "observation": np.concatenate([whole[:, : 2 * n], whole[:, 4 * n :]], axis=1),
-            "achieved_goal": whole[:, :n].copy(),
-            "desired_goal": whole[:, 2 * n : 3 * n].copy(),
-        }
+        return self._parts(self.batch.observed)
 
     def observation(self, copy: int) -> Observation:
         """One copy's of these."""
-        return {name: part[copy] for name, part in self.observe().items()}
+        return self._parts(self.batch.rows[copy])
+
+    def _parts(self, whole: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
+        """Of flat observations (..., entries)."""
+        n = 3 * len(self.batch.nodes)
+        return {
+            "observation": np.concatenate([whole[..., : 2 * n], whole[..., 4 * n :]], axis=-1),
+            "achieved_goal": whole[..., :n].copy(),
+            "desired_goal": whole[..., 2 * n : 3 * n].copy(),
+        }
 
     def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
         """Named terms that sum to the rewards; see `FlatView`."""
