@@ -86,7 +86,7 @@ def roofline(quick: bool) -> dict[str, dict[str, Any]]:
         "roots": lambda: repeat(a, b, c, half, 2, _REPEATS // 4),
         "flag": lambda: simulator.step(400),
     }
-    times = fastest(jobs, 4 if quick else 20)
+    times = fastest(jobs, 4 if quick else 100)
     size = scene.lattice.size
     weights = [bound.weight for bound in simulator._run.effects if hasattr(bound, "offset")]
     links = sum(int(np.count_nonzero(weight)) for weight in weights)

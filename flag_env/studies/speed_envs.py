@@ -38,7 +38,7 @@ def one_environment(quick: bool) -> list[Row]:
     jobs = {"Flag-v0": _episode(env, STEPS)}
     if importlib.util.find_spec("mujoco") is not None:
         jobs |= {name: _episode(gymnasium.make(name), STEPS) for name in ("Ant-v5", "HalfCheetah-v5")}
-    speed = {name: STEPS / seconds for name, seconds in fastest(jobs, 5 if quick else 30).items()}
+    speed = {name: STEPS / seconds for name, seconds in fastest(jobs, 5 if quick else 10).items()}
     ours = speed["Flag-v0"]
     note = ", ".join(f"{name} {steps:.0f}" for name, steps in speed.items()) + " steps/s"
     bar, aim = (speed["Ant-v5"], max(speed["Ant-v5"], speed["HalfCheetah-v5"] / 2)) if len(speed) > 1 else (0.0, 0.0)
@@ -49,7 +49,10 @@ def one_environment(quick: bool) -> list[Row]:
 
 
 def _overhead(env: Any, quick: bool) -> Row:
-    """The physics' machine code is timed inside the very steps that it is a part of; what the timer takes is left out."""
+    """The physics' machine code is timed inside the very steps that it is a part of; what the timer takes is left out.
+
+    Of stretches of 200 steps, the quickest counts.
+    """
     simulator, inner = env.simulator, []
     env.reset(seed=0)
     env.step(env.action_space.sample())
@@ -64,7 +67,7 @@ def _overhead(env: Any, quick: bool) -> Row:
     simulator._run.entry = timed
     whole = []
     action = env.action_space.sample()
-    for _ in range(200 if quick else 2000):
+    for _ in range(200 * (1 if quick else 15)):
         start = time.perf_counter()
         env.step(action)
         whole.append(time.perf_counter() - start)
@@ -74,9 +77,12 @@ def _overhead(env: Any, quick: bool) -> Row:
         start = time.perf_counter()
         timed()
         timer.append(time.perf_counter() - start - inner.pop())
-    outside = np.array(whole) - np.array(inner) - np.median(timer)
-    share = float(100 * np.median(outside / np.array(whole)))
-    note = f"{1e6 * np.median(outside):.1f} of {1e6 * np.median(whole):.1f} us a step"
+    steps, physics = (np.reshape(times, (-1, 200)) for times in (whole, inner))
+    quietest = np.argmin(np.median(steps, axis=1))
+    step = steps[quietest]
+    outside = step - physics[quietest] - np.median(timer)
+    share = float(100 * np.median(outside / step))
+    note = f"{1e6 * np.median(outside):.1f} of {1e6 * np.median(step):.1f} us a step"
     return Row("step outside the kernel", "%", share, 15.0, 8.0, less=True, note=note)
 
 
@@ -103,16 +109,20 @@ def vector_environment(quick: bool) -> list[Row]:
 
 
 def frames(quick: bool) -> list[Row]:
-    """A frame of 480 x 480 pixels of a flag in motion."""
+    """A frame of 480 x 480 pixels of a flag in motion, the median over an episode; of some episodes, the quickest counts."""
     env = gymnasium.make("Flag-v0", render_mode="rgb_array")
-    env.reset(seed=0)
-    times = []
-    for _ in range(30 if quick else STEPS - 1):
-        env.step(env.action_space.sample())
-        start, spent = time.perf_counter(), time.process_time()
-        env.render()
-        times.append((time.perf_counter() - start, time.process_time() - spent))
+    medians = []
+    for _ in range(1 if quick else 2):
+        env.reset(seed=0)
+        env.action_space.seed(0)
+        times = []
+        for _ in range(STEPS - 1):
+            env.step(env.action_space.sample())
+            start, spent = time.perf_counter(), time.process_time()
+            env.render()
+            times.append((time.perf_counter() - start, time.process_time() - spent))
+        medians.append(np.median(times, axis=0))
     env.close()
-    wall, processor = 1e3 * np.median(times, axis=0)
+    wall, processor = 1e3 * min(medians, key=lambda median: median[0])
     note = f"{processor:.2f} ms of processor time"
     return [Row("a frame, 480 x 480", "ms", float(wall), 6.0, 3.0, less=True, note=note)]

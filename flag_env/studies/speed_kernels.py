@@ -46,7 +46,7 @@ def one_flag(quick: bool) -> list[Row]:
             plain = plain_of(scene, simulator.timestep)
             steps = max(1, 300_000 // scene.lattice.size)
             jobs = {"ours": _stepping(simulator, steps), "plain": _stepping(plain, steps)}
-            times = fastest(jobs, 15 if quick else 60)
+            times = fastest(jobs, 10 if quick else 20)
             speed = {name: steps * scene.lattice.size / 1e6 / time for name, time in times.items()}
             bar, aim = BARS.get((up, along, dtype), (0.0, 0.0))
             note = f"{speed['ours']:.1f} against {speed['plain']:.1f} M particle-steps/s"
@@ -95,7 +95,7 @@ def simulated_seconds(quick: bool) -> list[Row]:
     largest = max_timestep(base.replace(integrator=integrators.Leapfrog()))
     plain = plain_of(base, largest)
     jobs = {"ours": _stepping(simulator, 500), "plain": _stepping(plain, 500)}
-    times = fastest(jobs, 15 if quick else 60)
+    times = fastest(jobs, 10 if quick else 20)
     ours, theirs = 500 * simulator.timestep / times["ours"], 500 * largest / times["plain"]
     rows = [
         Row(
@@ -123,7 +123,7 @@ def growing(quick: bool) -> list[Row]:
         scene = springs(up, along, "float32").replace(timestep=1e-6)
         steps = max(1, 300_000 // scene.lattice.size)
         jobs[up, along], work[up, along] = _stepping(Simulator(scene, threads=1), steps), steps * scene.lattice.size
-    times = fastest(jobs, 30 if quick else 120)
+    times = fastest(jobs, 30 if quick else 40)
     cost = {size: 1e9 * times[size] / work[size] for size in jobs}
     sizes = np.log([up * along for up, along in cost])
     slope = float(np.polyfit(sizes, np.log(list(cost.values())), 1)[0])

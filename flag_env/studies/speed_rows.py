@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 
@@ -16,6 +17,8 @@ class Row:
         What is measured, in which unit; "x" for a ratio.
     measured, bar, aim
         In that unit; a bar of 0: there is none, or its baseline is not installed.
+    others
+        What other passes have measured.
     less
         Whether less is better.
     note
@@ -29,10 +32,21 @@ class Row:
     aim: float = 0.0
     less: bool = False
     note: str = ""
+    others: tuple[float, ...] = ()
 
     def share(self, value: float) -> float:
         """How many times better than the bar a value is."""
         return self.bar / value if self.less else value / self.bar
+
+    @property
+    def least(self) -> float:
+        """The least of all passes."""
+        return min((self.measured, *self.others))
+
+    @property
+    def most(self) -> float:
+        """The most of all passes."""
+        return max((self.measured, *self.others))
 
     @property
     def reached(self) -> str:
@@ -46,6 +60,12 @@ class Row:
     def entry(self) -> dict[str, Any]:
         """The row for the table and the JSON file."""
         return {
-            "figure": self.figure, "measured": self.measured, "unit": self.unit, "bar": self.bar or "", "aim": self.aim or "",
-            "reached": self.reached, "note": self.note,
+            "figure": self.figure, "measured": self.measured, "least": self.least, "most": self.most, "unit": self.unit,
+            "bar": self.bar or "", "aim": self.aim or "", "reached": self.reached, "note": self.note,
         }  # fmt: skip
+
+
+def median(rows: Sequence[Row]) -> Row:
+    """Of the same figure in an odd number of passes, the median one, which knows the others."""
+    middle = sorted(rows, key=lambda row: row.measured)[len(rows) // 2]
+    return replace(middle, others=tuple(row.measured for row in rows if row is not middle))

@@ -13,7 +13,7 @@ from flag_env.physics import Simulator, effects, presets
 from flag_env.studies import effects as effects_study
 from flag_env.studies import gallery, report
 from flag_env.studies.plain import PlainFlag
-from flag_env.studies.speed_rows import Row
+from flag_env.studies.speed_rows import Row, median
 from flag_env.studies.timing import fastest
 
 
@@ -59,6 +59,12 @@ def test_a_speed_row_says_what_is_reached():
     assert [Row("", "x", value, 2.0, 4.0).reached for value in (1.9, 2.0, 4.0)] == ["no", "bar", "aim"]
     assert [Row("", "ms", value, 4.0, 2.0, less=True).reached for value in (4.1, 4.0, 2.0)] == ["no", "bar", "aim"]
     assert Row("", "x", 1.0).reached == ""
+
+
+def test_of_some_passes_the_median_counts():
+    row = median([Row("a", "x", value) for value in (3.0, 1.0, 7.0)])
+    assert (row.measured, row.least, row.most) == (3.0, 1.0, 7.0)
+    assert median([Row("a", "x", 2.0)]) == Row("a", "x", 2.0)
 
 
 def test_effects_rows_sum_up():
