@@ -1,16 +1,18 @@
-"""Times PPO on `FlagSB3VecEnv` beside PPO on SB3's `DummyVecEnv`: `python -m training.vector_speed`.
+"""Times PPO on `FlagSB3VecEnv` beside PPO on SB3's `DummyVecEnv`, to the end: `python -m training.vector_speed`.
 
-Both see the same flags to the bit, so both must end with the same network; whether they do is told too. A training consists of
-rollouts, in which environments and policy take turns, and of updates of the networks, which know nothing of environments. Three
-ratios are measured for each file of hyperparameters: of the environments alone, of the rollouts, and of the whole training. Each
-is that of the best of some short trainings, which take turns. With the last file both are then trained to the end and evaluated.
+Both see the same flags to the bit, so both must end with the same network; whether they do is told too. Each has a process, and
+they take turns of one rollout and its updates, of which only one runs at a time: what else the machine does slows both alike.
+What a step of one flag takes, in microseconds, is measured for the environments alone, for the rollouts (environments, policy and
+SB3's bookkeeping), and for the whole training (rollouts and updates of the networks, which know nothing of environments).
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,7 @@ from training import hyperparameters
 from training.environments import Task, learning_envs
 from training.evaluate import evaluate
 from training.files import write_json
-from training.hyperparameters import FOLDER, Hyperparameters
+from training.hyperparameters import FOLDER
 from training.rollouts import Agent
 
 TASK = Task()
@@ -38,40 +40,67 @@ MAKERS: dict[str, Callable[[int], VecEnv]] = {
     "DummyVecEnv": lambda count: DummyVecEnv([lambda: TASK.make("train")] * count),
 }
 
+ALONE = 5
+"""Turns of the environments alone."""
+
 
 @dataclass(frozen=True)
 class Arguments:
     """Arguments of the comparison."""
 
-    hyperparameters: tuple[Path, ...] = (FOLDER / "ppo.yml", FOLDER / "ppo-many.yml")
-    """Hyperparameter files in rl-zoo3's format."""
-    timesteps: int = 10_000
-    """Steps of all environments together, for each short training; rounded up to whole rollouts."""
-    rounds: int = 3
-    """Short trainings of each kind, in turn; the shortest times count."""
-    to_the_end: bool = True
-    """Also train to the end, once on each, with the last of the files."""
+    hyperparameters: Path = FOLDER / "ppo.yml"
+    """Hyperparameter file in rl-zoo3's format."""
+    total_timesteps: int | None = None
+    """Steps of all environments together. None: as many as the hyperparameters say."""
     seed: int = 0
-    """Seed of all trainings."""
-    results: Path = field(default=Path(__file__).parent / "results" / "vector_speed.json")
+    """Seed of both trainings."""
+    results: Path = Path(__file__).parent / "results" / "vector_speed.json"
     """JSON file to write."""
 
 
-class Rollouts(BaseCallback):
-    """Adds up the time of rollouts [s]."""
+class Turns(BaseCallback):
+    """Waits for a turn before each rollout, and sends what the turn took: rollout, and rollout with updates [s]."""
 
-    def __init__(self) -> None:
+    def __init__(self, parent: Connection) -> None:
         super().__init__()
-        self.seconds = 0.0
+        self._parent = parent
+        self._start: float | None = None
 
     def _on_rollout_start(self) -> None:
+        self._end()
+        self._parent.recv()
         self._start = time.perf_counter()
 
     def _on_rollout_end(self) -> None:
-        self.seconds += time.perf_counter() - self._start
+        self._sampled = time.perf_counter()
+
+    def _on_training_end(self) -> None:
+        self._end()
 
     def _on_step(self) -> bool:
         return True
+
+    def _end(self) -> None:
+        if self._start is not None:
+            self._parent.send((self._sampled - self._start, time.perf_counter() - self._start))
+
+
+def work(parent: Connection, name: str, arguments: Arguments) -> None:
+    """One side: the turns of the environments alone, those of the training, and at the end its success and its network."""
+    torch.set_num_threads(1)
+    hyper = hyperparameters.read(arguments.hyperparameters, TASK.env_id, arguments.total_timesteps)
+    envs = MAKERS[name](hyper.n_envs)
+    model = PPO(hyper.policy, VecMonitor(envs), seed=arguments.seed, device="cpu", **hyper.keywords())
+    alone(envs, arguments.seed)  # compile
+    parent.send((model.n_steps * hyper.n_envs, -(-hyper.total_timesteps // (model.n_steps * hyper.n_envs))))
+    for _ in range(ALONE):
+        parent.recv()
+        parent.send(alone(envs, arguments.seed))
+    model.learn(hyper.total_timesteps, Turns(parent))
+    envs.close()
+    success = evaluate({"agent": Agent(model)}, TASK, "validation")["policies"]["agent"]
+    network = torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
+    parent.send((success, network.numpy()))
 
 
 def alone(envs: VecEnv, seed: int) -> float:
@@ -86,85 +115,62 @@ def alone(envs: VecEnv, seed: int) -> float:
     return (time.perf_counter() - start) / (len(actions) * envs.num_envs)
 
 
-def train(envs: VecEnv, hyper: Hyperparameters, timesteps: int, seed: int, progress: bool = False) -> tuple[PPO, float, float]:
-    """A trained model, and the seconds that its rollouts and the whole training took."""
-    model = PPO(hyper.policy, VecMonitor(envs), seed=seed, device="cpu", **hyper.keywords())
-    rollouts = Rollouts()
-    start = time.perf_counter()
-    model.learn(timesteps, rollouts, progress_bar=progress)
-    return model, rollouts.seconds, time.perf_counter() - start
+def compare(arguments: Arguments) -> dict[str, Any]:
+    """The content of the results file."""
+    context = multiprocessing.get_context("spawn")  # nothing inherited: each side starts alike
+    sides, processes = {}, []
+    for name in MAKERS:
+        sides[name], child = context.Pipe()
+        processes.append(context.Process(target=work, args=(child, name, arguments)))
+        processes[-1].start()
+        child.close()
+    try:
+        return _turns(sides, arguments)
+    finally:
+        for process in processes:
+            process.terminate()
+            process.join()
 
 
-def network(model: PPO) -> torch.Tensor:
-    """All parameters of a model in one row."""
-    return torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
+def _turns(sides: dict[str, Connection], arguments: Arguments) -> dict[str, Any]:
+    def turn(name: str) -> Any:
+        sides[name].send("go")
+        return sides[name].recv()
 
-
-def compare(path: Path, arguments: Arguments) -> dict[str, Any]:
-    """A row: steps/s of each part on both, and their ratios."""
-    hyper = hyperparameters.read(path, TASK.env_id)
-    best: dict[str, dict[str, float]] = {name: {} for name in MAKERS}
-    networks = []
-    for _ in tqdm(range(arguments.rounds), desc=path.name):
-        for name, make in MAKERS.items():
-            envs = make(hyper.n_envs)
-            seconds = {"environments alone": alone(envs, arguments.seed)}
-            model, rollouts, whole = train(envs, hyper, arguments.timesteps, arguments.seed)
-            envs.close()
-            seconds |= {"rollouts": rollouts / model.num_timesteps, "whole training": whole / model.num_timesteps}
-            best[name] = {part: min(best[name].get(part, np.inf), value) for part, value in seconds.items()}
-            networks.append(network(model))
-    ours, theirs = best.values()
-    row: dict[str, Any] = {"hyperparameters": path.name, "environments": hyper.n_envs, "timesteps": model.num_timesteps}
-    for part in ours:
-        row |= {
-            f"{part}, steps/s": round(1 / ours[part]),
-            f"{part}, DummyVecEnv": round(1 / theirs[part]),
-            f"{part}, times as fast": theirs[part] / ours[part],
-        }
-    return row | {"same network": all(torch.equal(networks[0], other) for other in networks)}
-
-
-def to_the_end(path: Path, seed: int) -> dict[str, Any]:
-    """Times and success of a whole training on both."""
-    hyper = hyperparameters.read(path, TASK.env_id)
-    seconds, success, networks = {}, {}, []
-    for name, make in MAKERS.items():
-        print(f"{path.name}, {name}, to the end")
-        envs = make(hyper.n_envs)
-        model, _, seconds[name] = train(envs, hyper, hyper.total_timesteps, seed, progress=True)
-        envs.close()
-        success[name] = evaluate({"agent": Agent(model)}, TASK, "validation")["policies"]["agent"]
-        networks.append(network(model))
-    ours, theirs = seconds.values()
+    (samples, count), *_ = [side.recv() for side in sides.values()]
+    apart = np.array([[turn(name) for name in sides] for _ in range(ALONE)])
+    turns = np.array([[turn(name) for name in sides] for _ in tqdm(range(count))]) / samples
+    parts = {"environments alone": apart, "rollouts": turns[:, :, 0], "whole training": turns[:, :, 1]}
+    ends = {name: side.recv() for name, side in sides.items()}
     return {
-        "hyperparameters": path.name,
-        "timesteps": model.num_timesteps,
-        "seed": seed,
-        **{name: {"seconds": round(seconds[name], 1), **success[name]} for name in MAKERS},
-        "times as fast": theirs / ours,
-        "same network": torch.equal(*networks),
+        "machine": machine(),
+        "hyperparameters": arguments.hyperparameters.name,
+        "seed": arguments.seed,
+        "timesteps": count * samples,
+        "rows": [{"": part, **_row(list(sides), seconds)} for part, seconds in parts.items()],
+        "seconds": dict(zip(sides, (turns[:, :, 1].sum(0) * samples).round(1).tolist(), strict=True)),
+        "success": {name: success for name, (success, _) in ends.items()},
+        "same network": len({network.tobytes() for _, network in ends.values()}) == 1,
     }
+
+
+def _row(names: list[str], seconds: np.ndarray) -> dict[str, float]:
+    """Microseconds a step of one flag takes on each side, and their ratio: over all turns, and in the quickest turn of each."""
+    row: dict[str, float] = {}
+    for turns, of_them in (("mean", seconds.mean(0)), ("quickest", seconds.min(0))):
+        ours, theirs = (1e6 * of_them).tolist()
+        row |= {f"{names[0]}, {turns}": ours, f"{names[1]}, {turns}": theirs, f"ratio, {turns}": theirs / ours}
+    return row
 
 
 def main() -> None:
     """Train and tell how long it took."""
     arguments = tyro.cli(Arguments, description=__doc__)
-    torch.set_num_threads(1)
-    for envs in (learning_envs(TASK, 1, "train"), TASK.make("train")):  # compile
-        envs.reset()
-        envs.step(np.zeros((1, 3) if isinstance(envs, VecEnv) else 3, np.float32))
-    rows = [compare(path, arguments) for path in arguments.hyperparameters]
-    result = {"machine": machine(), "rows": rows}
-    if arguments.to_the_end:
-        result["to the end"] = to_the_end(arguments.hyperparameters[-1], arguments.seed)
+    result = compare(arguments)
     write_json(arguments.results, result)
-    print(markdown([{"": name, **{row["hyperparameters"]: row[name] for row in rows}} for name in rows[0]]))
-    if arguments.to_the_end:
-        whole = result["to the end"]
-        columns = ("seconds", "success_5", "success_3")
-        print(markdown([{"to the end": name} | {key: whole[name][key] for key in columns} for name in MAKERS]))
-        print(f"{whole['times as fast']:.2f} times as fast, same network: {whole['same network']}")
+    print(markdown(result["rows"]))
+    print(markdown([{"": name, "s": result["seconds"][name], **result["success"][name]} for name in MAKERS]))
+    print(f"{result['timesteps']} steps, same network: {result['same network']}")
 
 
 if __name__ == "__main__":

@@ -29,20 +29,20 @@ def test_files_make_models(path):
 
 
 def test_each_algorithm_has_a_file_and_the_mast_one_of_its_own():
-    assert [path.stem for path in FILES] == ["ppo-many", "ppo-mast", "ppo", "sac"]
+    assert [path.stem for path in FILES] == ["ppo-mast", "ppo", "sac"]
     assert [shipped(*task).stem for task in (("ppo", "wind"), ("ppo", "mast"), ("sac", "wind"), ("sac", "mast"))] == [
         *("ppo", "ppo-mast", "sac", "sac")
     ]
 
 
-def test_rollouts_of_many_flags_are_whole_episodes_in_whole_minibatches():
-    hyper = read(FOLDER / "ppo-many.yml", "Flag-v0")
+def test_the_default_rollouts_are_whole_episodes_in_whole_minibatches():
+    hyper = read(FOLDER / "ppo.yml", "Flag-v0")
     assert hyper.algorithm["n_steps"] == EPISODE_STEPS
     assert hyper.n_envs * EPISODE_STEPS % hyper.algorithm["batch_size"] == 0
 
 
 def test_given_numbers_take_the_place_of_the_files():
-    assert read(FOLDER / "ppo.yml", "Flag-v0").n_envs == 16
+    assert read(FOLDER / "ppo.yml", "Flag-v0").n_envs == 192
     hyper = read(FOLDER / "ppo.yml", "Flag-v0", total_timesteps=7, n_envs=3)
     assert (hyper.total_timesteps, hyper.n_envs) == (7, 3)
 
