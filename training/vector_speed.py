@@ -98,6 +98,7 @@ def work(parent: Connection, name: str, arguments: Arguments) -> None:
         parent.send(alone(envs, arguments.seed))
     model.learn(hyper.total_timesteps, Turns(parent))
     envs.close()
+    parent.recv()  # the other side may still have a turn to take
     success = evaluate({"agent": Agent(model)}, TASK, "validation")["policies"]["agent"]
     network = torch.nn.utils.parameters_to_vector(model.policy.parameters()).detach()
     parent.send((success, network.numpy()))
@@ -141,7 +142,7 @@ def _turns(sides: dict[str, Connection], arguments: Arguments) -> dict[str, Any]
     apart = np.array([[turn(name) for name in sides] for _ in range(ALONE)])
     turns = np.array([[turn(name) for name in sides] for _ in tqdm(range(count))]) / samples
     parts = {"environments alone": apart, "rollouts": turns[:, :, 0], "whole training": turns[:, :, 1]}
-    ends = {name: side.recv() for name, side in sides.items()}
+    ends = {name: turn(name) for name in sides}
     return {
         "machine": machine(),
         "hyperparameters": arguments.hyperparameters.name,
