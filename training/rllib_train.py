@@ -17,6 +17,8 @@ from typing import Any
 
 import tyro
 
+LEARNING_RATE = 2e-3
+
 
 @dataclass(frozen=True)
 class Arguments:
@@ -60,7 +62,7 @@ def config(arguments: Arguments) -> Any:
         )
         .training(
             train_batch_size_per_learner=arguments.batch, minibatch_size=400, num_epochs=1, gamma=0.98, lambda_=0.95,
-            lr=[[0, 2e-3], [arguments.iterations * arguments.batch, 0.0]],
+            lr=[[0, LEARNING_RATE], [arguments.iterations * arguments.batch, 0.0]],
             entropy_coeff=0.0, clip_param=0.2, vf_clip_param=float("inf"), use_kl_loss=False, grad_clip=0.5,
         )
         .rl_module(
@@ -71,6 +73,18 @@ def config(arguments: Arguments) -> Any:
         .learners(num_learners=0)
         .debugging(seed=arguments.seed)
     )  # fmt: skip
+
+
+def _set_learning_rate(algorithm: Any, rate: float) -> None:
+    """Replace the rate that a checkpoint brought, zero after a whole training: RLlib reads the schedule after updates only."""
+
+    def of_learner(learner: Any) -> None:
+        for name in learner.module.keys():  # noqa: SIM118  not a dict: iterating over it is not said to give names
+            for _, optimizer in learner.get_optimizers_for_module(name):
+                for group in optimizer.param_groups:
+                    group["lr"] = rate
+
+    algorithm.learner_group.foreach_learner(of_learner)
 
 
 def run(arguments: Arguments) -> dict[str, Any]:
@@ -93,6 +107,7 @@ def run(arguments: Arguments) -> dict[str, Any]:
     try:
         if place.exists():
             algorithm.restore_from_path(str(place))
+            _set_learning_rate(algorithm, LEARNING_RATE * max(0.0, 1.0 - algorithm.training_iteration / arguments.iterations))
         folder.mkdir(parents=True, exist_ok=True)
         line: dict[str, Any] = {}
         while algorithm.training_iteration < arguments.iterations:

@@ -96,6 +96,8 @@ def work(parent: Connection, name: str, arguments: Arguments) -> None:
     for _ in range(ALONE):
         parent.recv()
         parent.send(alone(envs, arguments.seed))
+    parent.recv()  # learning begins with a reset, and the other side may still have a turn to take
+    parent.send("ready")
     model.learn(hyper.total_timesteps, Turns(parent))
     envs.close()
     parent.recv()  # the other side may still have a turn to take
@@ -140,6 +142,8 @@ def _turns(sides: dict[str, Connection], arguments: Arguments) -> dict[str, Any]
 
     (samples, count), *_ = [side.recv() for side in sides.values()]
     apart = np.array([[turn(name) for name in sides] for _ in range(ALONE)])
+    for name in sides:
+        turn(name)
     turns = np.array([[turn(name) for name in sides] for _ in tqdm(range(count))]) / samples
     parts = {"environments alone": apart, "rollouts": turns[:, :, 0], "whole training": turns[:, :, 1]}
     ends = {name: turn(name) for name in sides}

@@ -1,8 +1,8 @@
 """How fast the package is, as ratios to baselines measured in the same run; one table, one figure, one JSON file.
 
 Every row has a bar, which the project holds itself to, and an aim. Baselines that are not installed are left out and said so.
-Other machines' work comes and goes on a shared processor, so all is measured in several passes, minutes apart, each of them a
-comparison of its own: the median pass of each figure counts, and what the others came to is told.
+Other machines' work comes and goes on a shared processor, so all is measured in several passes, each of them a comparison
+of its own: the median pass of each figure counts, and what the others came to is told. The roofline is measured once.
 """
 
 from __future__ import annotations
