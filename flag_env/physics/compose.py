@@ -39,13 +39,10 @@ from typing import Any
 import numpy as np
 from numba.extending import overload
 
-from flag_env.physics.compiler import Glue
-from flag_env.physics.jit import FLAGS, cached, jit, kernel
+from flag_env.physics.jit import INLINED, cached, jit, kernel
 
 CHECK_EVERY = 50
 """Steps between two checks for non-finite numbers."""
-
-_OPTIONS = {**FLAGS, "pipeline_class": Glue}
 
 
 def forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> None:
@@ -83,18 +80,18 @@ def _in_turn(hook: str, effects: Any, arguments: str, *first: str) -> Any:
     return names["run"]
 
 
-@overload(forces, jit_options=_OPTIONS, strict=False)
+@overload(forces, jit_options=INLINED, strict=False)
 def _compile_forces(effects: Any, copy: int, x: Any, v: Any, f: Any, scratch: Any, lag: float) -> Any:
     clear = "for d in range(f.shape[0]): clear(f[d], f.shape[1])"
     return _in_turn("force", effects, "copy, x, v, f, scratch, lag", clear)
 
 
-@overload(project, jit_options=_OPTIONS, strict=False)
+@overload(project, jit_options=INLINED, strict=False)
 def _compile_project(effects: Any, copy: int, x: Any, v: Any, scratch: Any, inverse_mass: Any, seconds: float) -> Any:
     return _in_turn("project", effects, "copy, x, v, scratch, inverse_mass, seconds")
 
 
-@overload(advance, jit_options=_OPTIONS, strict=False)
+@overload(advance, jit_options=INLINED, strict=False)
 def _compile_advance(effects: Any, copy: int, seconds: float) -> Any:
     return _in_turn("advance", effects, "copy, seconds")
 
@@ -103,7 +100,7 @@ def _step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
     method.step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass)
 
 
-@overload(_step, jit_options=_OPTIONS, strict=False)
+@overload(_step, jit_options=INLINED, strict=False)
 def _compile_step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
     return method.instance_class.step.py_func
 
@@ -113,7 +110,7 @@ def _start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
         method.start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass)
 
 
-@overload(_start, jit_options=_OPTIONS, strict=False)
+@overload(_start, jit_options=INLINED, strict=False)
 def _compile_start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
     if hasattr(method.instance_class, "start"):
         return method.instance_class.start.py_func
@@ -124,7 +121,7 @@ def _velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mas
     method.velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass)
 
 
-@overload(_velocity, jit_options=_OPTIONS, strict=False)
+@overload(_velocity, jit_options=INLINED, strict=False)
 def _compile_velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
     return method.instance_class.velocity.py_func
 

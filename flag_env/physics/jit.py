@@ -40,6 +40,9 @@ _PACKAGE = Path(__file__).parent
 FLAGS = {"error_model": "numpy", "nogil": True, "_nrt": False}
 """Numba's options for everything compiled here."""
 
+INLINED = {**FLAGS, "forceinline": True, "pipeline_class": Glue}
+"""Those for glue that is written into its callers: to hand a call all the arrays costs more than most glue does."""
+
 
 def jit(function: F) -> F:
     """Compile glue code, whose array arguments may overlap."""
@@ -55,7 +58,8 @@ def _compiled(function: Any, part: type[CompilerBase], whole: type[CompilerBase]
     """A part of entry points, kept on disk, if the function is this package's own."""
     if numba.config.DISABLE_JIT or not Path(function.__code__.co_filename).is_relative_to(_PACKAGE):
         return numba.njit(**FLAGS, pipeline_class=whole)(function)
-    dispatcher = Part(function, targetoptions={**FLAGS, "nopython": True, "boundscheck": None}, pipeline_class=part)
+    options = {**FLAGS, "forceinline": part is Kernel, "nopython": True, "boundscheck": None}
+    dispatcher = Part(function, targetoptions=options, pipeline_class=part)
     dispatcher._cache = _SourceKeyedCache(function, (), _PartFiles)
     return dispatcher
 

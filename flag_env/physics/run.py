@@ -30,7 +30,7 @@ from flag_env.physics.threads import Threads
 _SERIAL = 20_000
 """Particle-steps below which waking threads costs more than it gains."""
 
-_BLOCKS = 8
+_BLOCKS = 4
 """Blocks of copies for each thread: who is done takes over some of the others', so that none waits long for one held up."""
 
 

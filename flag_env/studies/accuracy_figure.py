@@ -116,7 +116,7 @@ def _space(axes: Any, space: list[dict[str, Any]]) -> None:
     axes.set_title("Space: distance to the finest lattice")
     axes.set_xlabel("wall time for 1 simulated second [s]")
     axes.set_ylabel("RMS distance [mm]")
-    axes.legend(frameon=False, title="after", loc="lower left")
+    axes.legend(frameon=False, title="after", loc="upper right", bbox_to_anchor=(0.9, 1.0))
 
 
 def _growth(axes: Any, growths: dict[str, Any]) -> None:

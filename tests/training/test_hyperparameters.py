@@ -42,7 +42,7 @@ def test_the_default_rollouts_are_whole_episodes_in_whole_minibatches():
 
 
 def test_given_numbers_take_the_place_of_the_files():
-    assert read(FOLDER / "ppo.yml", "Flag-v0").n_envs == 192
+    assert read(FOLDER / "ppo.yml", "Flag-v0").n_envs == 256
     hyper = read(FOLDER / "ppo.yml", "Flag-v0", total_timesteps=7, n_envs=3)
     assert (hyper.total_timesteps, hyper.n_envs) == (7, 3)
 

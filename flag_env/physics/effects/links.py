@@ -77,7 +77,7 @@ def _gather_two(f, g, far_g, h, far_h, n):
 
 
 @jit
-def _near(offset, particles):
+def near(offset, particles):
     """Whether a family's zeros are few beside its links."""
     return 5 * offset <= particles
 
@@ -88,17 +88,18 @@ def pad(g, coordinates, offset, particles):
 
     With `offset` zeros before and behind, the same rows read from entry 0 are the forces from which the second particles suffer.
     """
-    if _near(offset, particles):
+    if near(offset, particles):
         for d in range(coordinates):
             _clear(g[d], offset)
             _clear(g[d, particles:], offset)
 
 
 @jit
-def _add_family(f, g, offset):
+def add_family(f, g, offset):
+    """Add the forces of a family to the links' first particles and subtract them from the second."""
     n = f.shape[1]
     for d in range(f.shape[0]):
-        if _near(offset, n):
+        if near(offset, n):
             _gather(f[d], g[d, offset:], g[d], n)
         else:
             _add(f[d], g[d, offset:], n - offset)
@@ -107,18 +108,18 @@ def _add_family(f, g, offset):
 
 @jit
 def gather(f, scratch, offset, j):
-    """Add the forces of family `j` to the links' first particles and subtract them from the second.
+    """The same for family `j`, two families at a time, the first in scratch's rows 0 to 2, the second in 3 to 5.
 
-    Two families at a time, the first in scratch's rows 0 to 2, the second in 3 to 5: one look at the sums serves both.
+    One look at the sums serves both.
     """
     n, o = f.shape[1], offset[j]
     if j % 2 == 1:
         p = offset[j - 1]
-        if _near(o, n) and _near(p, n):
+        if near(o, n) and near(p, n):
             for d in range(f.shape[0]):
                 _gather_two(f[d], scratch[d, p:], scratch[d], scratch[d + 3, o:], scratch[d + 3], n)
         else:
-            _add_family(f, scratch, p)
-            _add_family(f, scratch[3:], o)
+            add_family(f, scratch, p)
+            add_family(f, scratch[3:], o)
     elif j + 1 == offset.shape[0]:
-        _add_family(f, scratch, o)
+        add_family(f, scratch, o)
