@@ -51,7 +51,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     from flag_env.studies.report import machine
 
     known = json.loads(FIGURES.read_text())["cases"] if FIGURES.exists() else {}
-    date = machine()["date"]
-    known |= {name: {**figures, "date": date} for name, figures in _measured.items()}
+    here = {name: machine()[name] for name in ("processor", "date")}
+    known |= {name: {**figures, **here} for name, figures in _measured.items()}
     FIGURES.parent.mkdir(exist_ok=True)
     FIGURES.write_text(json.dumps({"machine": machine(), "cases": dict(sorted(known.items()))}, indent=1) + "\n")

@@ -1,6 +1,6 @@
 """The project's Numba decorators and its source-keyed cache of compiled code.
 
-Three decorators, one set of flags (IEEE arithmetic, NumPy's error model, no GIL):
+Three decorators, all with IEEE arithmetic, NumPy's error model and no GIL:
 
 * `jit`: code that glues kernels together; its array arguments may overlap.
 * `kernel`: a loop over plain arrays. No array that it writes may overlap another argument. LLVM is told so (`noalias`), drops

@@ -130,7 +130,7 @@ class Run:
         def work(thread: int) -> int:
             return sum(self._share(steps, into, then, ends[i], ends[i + 1], thread) for i in _turns(shares, thread))
 
-        return sum(self._threads.run(work, threads))
+        return sum(self._threads.run(work))
 
     def failure(self, steps: int, taken: int) -> Diverged | None:
         """What has gone wrong in the last `steps` steps of all `taken`, if anything has, or if nothing runs on."""

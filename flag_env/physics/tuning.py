@@ -29,6 +29,7 @@ from flag_env.physics.integrators import LFAB, RK4
 from flag_env.physics.scene import Scene
 from flag_env.physics.simulator import Simulator
 from flag_env.physics.stability import limited_by, max_timestep, timestep_of
+from flag_env.physics.state import Diverged
 
 ACCURACIES = ("fast", "balanced", "reference")
 """The recipes, from the cheapest to the most accurate."""
@@ -169,14 +170,18 @@ def _seconds_per_step(scene: Scene) -> float:
     simulator = Simulator(scene, threads=1)
     start: Any = simulator.get_state()
     simulator.step(1)
-    count, best = 1, math.inf
-    for _ in range(12):
+    count, best, trials = 1, math.inf, 0
+    while trials < 4:
         simulator.set_state(start)
         began = time.perf_counter()
-        simulator.step(count)
+        try:
+            simulator.step(count)
+        except Diverged:
+            break
         took = time.perf_counter() - began
-        if took >= _TRIAL / 4:
-            best = min(best, took / count)
-        else:
+        best = min(best, took / count)
+        if took < _TRIAL / 4:
             count *= 2
-    return best if math.isfinite(best) else took / count
+        else:
+            trials += 1
+    return best

@@ -74,7 +74,7 @@ def many_flags(quick: bool) -> list[Row]:
     pool = Threads(2)
     jobs = {
         "one": _stepping(one, steps), "two": _stepping(two, steps), "plain": _stepping(plain, steps),
-        "arithmetic, one": _both, "arithmetic, two": lambda: pool.run(arithmetic, 2),
+        "arithmetic, one": _both, "arithmetic, two": lambda: pool.run(arithmetic),
     }  # fmt: skip
     times = fastest(jobs, 15 if quick else 60)
     gain, ceiling = times["one"] / times["two"], times["arithmetic, one"] / times["arithmetic, two"]

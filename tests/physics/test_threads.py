@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import os
+import signal
 import threading
 import time
 
@@ -16,7 +18,7 @@ from flag_env.physics.threads import Threads
 def test_each_call_gets_its_number_and_results_keep_their_order(count):
     threads = Threads(count)
     for _ in range(20):
-        assert threads.run(lambda i: (time.sleep(0.001 * (count - i)), i)[1], count) == list(range(count))
+        assert threads.run(lambda i: (time.sleep(0.001 * (count - i)), i)[1]) == list(range(count))
 
 
 @pytest.mark.parametrize("raising", [0, 1, 2])
@@ -30,9 +32,27 @@ def test_what_a_call_raises_is_raised_after_all_have_ended(raising):
         ended.append(i)
 
     with pytest.raises(KeyError, match=str(raising)):
-        threads.run(call, 3)
+        threads.run(call)
     assert sorted(ended) == [i for i in range(3) if i != raising]
-    assert threads.run(lambda i: i, 3) == [0, 1, 2]
+    assert threads.run(lambda i: i) == [0, 1, 2]
+
+
+def test_an_interrupt_is_raised_after_all_have_ended_and_mixes_up_nothing():
+    threads, ended = Threads(2), []
+
+    def call(i):
+        if i == 1:
+            time.sleep(0.3)
+            ended.append(i)
+        return i
+
+    timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        threads.run(call)
+    timer.join()
+    assert ended == [1]
+    assert threads.run(lambda i: 10 * i) == [0, 10]
 
 
 def test_threads_end_with_their_simulator():

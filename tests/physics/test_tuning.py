@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from flag_env.physics import Scene, Simulator, calibration, calibration_store, effects, integrators, max_timestep, presets
+from flag_env.physics import Scene, Simulator, calibration, calibration_store, effects, integrators, max_timestep, presets, tuning
 from flag_env.physics.calibration import FRAMES, GUST
 from flag_env.studies import reference
 
@@ -238,3 +238,33 @@ def test_a_scene_without_an_order_is_described_but_for_its_error():
     assert told.limited_by is None
     assert "no limit" in str(told)
     assert "MastCollision" in str(told)
+
+
+@pytest.mark.parametrize("cost", [1e-9, 4e-7, 3e-3, 2.0])
+def test_the_time_of_a_step_is_that_of_a_step(cost, monkeypatch):
+    """On a clock that only steps advance, however long they take."""
+    clock = [0.0]
+
+    class Steps:
+        def __init__(self, scene, threads):
+            pass
+
+        def get_state(self):
+            return None
+
+        def set_state(self, state):
+            pass
+
+        def step(self, n):
+            clock[0] += n * cost
+
+    monkeypatch.setattr(tuning, "Simulator", Steps)
+    monkeypatch.setattr(tuning.time, "perf_counter", lambda: clock[0])
+    assert tuning._seconds_per_step(presets.flag(3, 4)) == pytest.approx(cost, rel=1e-6)
+
+
+def test_a_scene_that_diverges_is_described():
+    scene = presets.flag(4, 5)
+    told = scene.replace(timestep=1.5 * max_timestep(scene), allow_unstable=True).describe()
+    assert told.error is None
+    assert 0 < told.wall < math.inf
