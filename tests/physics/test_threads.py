@@ -46,11 +46,15 @@ def test_an_interrupt_is_raised_after_all_have_ended_and_mixes_up_nothing():
             ended.append(i)
         return i
 
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore the signal
     timer = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
-    with pytest.raises(KeyboardInterrupt):
-        threads.run(call)
-    timer.join()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            threads.run(call)
+        timer.join()
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert ended == [1]
     assert threads.run(lambda i: 10 * i) == [0, 10]
 
