@@ -5,6 +5,7 @@ the chunk, with those on second particles, which an earlier chunk or this one ha
 the nearest cache. The end, where a family has no links any more, is done without chunks of sums; the links' last chunk is moved
 back to where they end, and finds some forces anew, the same. In float32 two families share a pass; in float64 the processor's
 registers do not hold two. Scratch serves one block of particles after the other, so that of a large flag it stays in a cache too.
+Kernels take whole rows and where to begin in them: to cut a slice takes compiled code as long as some particles do.
 """
 
 from __future__ import annotations
@@ -37,6 +38,12 @@ def _compile_pull(bound, dx, dy, dz, du, dv, dw, weight, tension):
 
 
 @kernel
+def _link(bound, x, y, z, u, v, w, i, j, weight, tension):
+    """The same for the link from particle i to particle j of a family."""
+    return _pull(bound, x[j] - x[i], y[j] - y[i], z[j] - z[i], u[j] - u[i], v[j] - v[i], w[j] - w[i], weight[i], tension)
+
+
+@kernel
 def _one(bound, x, y, z, u, v, w, weight, tension, gx, gy, gz, offset, fx, fy, fz, base, chunks):
     """Forces of one family, and their sums, in chunks from particle `base` on, which scratch begins with."""
     for chunk in range(chunks):
@@ -45,9 +52,7 @@ def _one(bound, x, y, z, u, v, w, weight, tension, gx, gy, gz, offset, fx, fy, f
             own = start + np.uint64(t) + offset
             i = base + start + np.uint64(t)
             j = i + offset
-            gx[own], gy[own], gz[own] = _pull(
-                bound, x[j] - x[i], y[j] - y[i], z[j] - z[i], u[j] - u[i], v[j] - v[i], w[j] - w[i], weight[i], tension
-            )
+            gx[own], gy[own], gz[own] = _link(bound, x, y, z, u, v, w, i, j, weight, tension)
         for t in range(CHUNK):
             far = start + np.uint64(t)
             own = far + offset
@@ -70,13 +75,9 @@ def _two(
             own_b = start + np.uint64(t) + offset_b
             i = base + start + np.uint64(t)
             j = i + offset_a
-            ax[own_a], ay[own_a], az[own_a] = _pull(
-                bound, x[j] - x[i], y[j] - y[i], z[j] - z[i], u[j] - u[i], v[j] - v[i], w[j] - w[i], weight_a[i], tension_a
-            )
+            ax[own_a], ay[own_a], az[own_a] = _link(bound, x, y, z, u, v, w, i, j, weight_a, tension_a)
             j = i + offset_b
-            bx[own_b], by[own_b], bz[own_b] = _pull(
-                bound, x[j] - x[i], y[j] - y[i], z[j] - z[i], u[j] - u[i], v[j] - v[i], w[j] - w[i], weight_b[i], tension_b
-            )
+            bx[own_b], by[own_b], bz[own_b] = _link(bound, x, y, z, u, v, w, i, j, weight_b, tension_b)
         for t in range(CHUNK):
             far = start + np.uint64(t)
             own_a = far + offset_a
@@ -95,9 +96,7 @@ def _rest(bound, x, y, z, u, v, w, weight, tension, gx, gy, gz, offset, base, st
             own = np.uint64(t) + offset
             i = base + np.uint64(t)
             j = i + offset
-            gx[own], gy[own], gz[own] = _pull(
-                bound, x[j] - x[i], y[j] - y[i], z[j] - z[i], u[j] - u[i], v[j] - v[i], w[j] - w[i], weight[i], tension
-            )
+            gx[own], gy[own], gz[own] = _link(bound, x, y, z, u, v, w, i, j, weight, tension)
         return
     for chunk in range(start, stop, CHUNK):
         moved = np.uint64(min(chunk, stop - CHUNK))
@@ -105,9 +104,7 @@ def _rest(bound, x, y, z, u, v, w, weight, tension, gx, gy, gz, offset, base, st
             own = moved + np.uint64(t) + offset
             i = base + moved + np.uint64(t)
             j = i + offset
-            gx[own], gy[own], gz[own] = _pull(
-                bound, x[j] - x[i], y[j] - y[i], z[j] - z[i], u[j] - u[i], v[j] - v[i], w[j] - w[i], weight[i], tension
-            )
+            gx[own], gy[own], gz[own] = _link(bound, x, y, z, u, v, w, i, j, weight, tension)
 
 
 @kernel
