@@ -2,10 +2,14 @@
 
 from flag_env.physics import effects, integrators, presets
 from flag_env.physics.lattice import Lattice
-from flag_env.physics.reading import Reading
+from flag_env.physics.limits import max_timestep
+from flag_env.physics.runtime import Diverged, Frame, State
 from flag_env.physics.scene import Scene
 from flag_env.physics.simulator import Simulator
-from flag_env.physics.stability import max_timestep
-from flag_env.physics.state import Diverged, State
 
-__all__ = ["Diverged", "Lattice", "Reading", "Scene", "Simulator", "State", "effects", "integrators", "max_timestep", "presets"]
+from flag_env.physics.accuracy import Description, describe, tune  # isort: skip
+
+__all__ = [
+    "Description", "Diverged", "Frame", "Lattice", "Scene", "Simulator", "State", "describe", "effects", "integrators",
+    "max_timestep", "presets", "tune",
+]  # fmt: skip

@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics.effects.base import Effect
-from flag_env.physics.effects.springs import LinkEffect
-from flag_env.physics.effects.structural import Structural
+from flag_env.physics.effects import Effect, Structural
 from flag_env.physics.lattice import Lattice
 
 Array = NDArray[np.float64]
 
 
 def energy(
-    lattice: Lattice, effects: tuple[Effect, ...], bound: tuple[Any, ...], positions: Array, velocities: Array
+    lattice: Lattice, effects: tuple[Effect, ...], bindings: tuple[Any, ...], positions: Array, velocities: Array
 ) -> dict[str, Array]:
     """Energies of the free particles [J], each of shape (copies,): "kinetic" and one entry per conservative effect.
 
@@ -24,18 +22,17 @@ def energy(
     ----------
     lattice, effects
         The scene's.
-    bound
-        The effects as bound to a run, where links may have broken.
+    bindings
+        The effects' data in a run, where links may have broken.
     positions, velocities : (copies, layers, rows, cols, 3)
         [m], [m/s].
     """
     flat = positions.reshape(len(positions), -1, 3)
     result = {"kinetic": 0.5 * (velocities.reshape(flat.shape) ** 2).sum(axis=-1) @ _free_masses(lattice)}
-    for effect, run in zip(effects, bound, strict=True):
-        unbroken = (run.weight != 0,) if isinstance(effect, LinkEffect) else ()
-        potential = effect.energy(lattice, flat, *unbroken)
+    for effect, data in zip(effects, bindings, strict=True):
+        potential = effect.energy(lattice, flat, data)
         if potential is not None:
-            result[_snake(type(effect).__name__)] = potential
+            result[_snake(type(effect).__name__) + (f"_{effect.name}" if effect.name else "")] = potential
     return result
 
 
@@ -48,7 +45,7 @@ def strain(lattice: Lattice, positions: Array) -> Array:
     """Strain d/l - 1 of every structural link, shape (copies, links), for positions (copies, layers, rows, cols, 3) [m]."""
     flat = positions.reshape(len(positions), -1, 3)
     parts = []
-    for family in lattice.families(*Structural.steps):
+    for family in lattice.families(*Structural.directions):
         first = np.flatnonzero(family.present)
         length = np.linalg.norm(flat[:, first + family.offset] - flat[:, first], axis=-1)
         parts.append(length / family.length - 1.0)

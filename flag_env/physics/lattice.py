@@ -15,12 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics import validate
+from flag_env import _validate
 
 PINNED = ("edge", "sleeve", "ends", "none")
 
-Step = tuple[int, int, int]
+Direction = tuple[int, int, int]
 """A link's direction: (layers, rows, columns) from its first to its second particle."""
+
+SIDES: tuple[Direction, ...] = ((0, 0, 1), (0, 1, 0))
+"""Directions of the sides of a cell: along a row, up a column. Structural links have them."""
 
 
 @dataclass(frozen=True)
@@ -87,16 +90,16 @@ class Lattice:
 
     def __post_init__(self) -> None:
         for name in ("layers", "rows", "cols"):
-            object.__setattr__(self, name, validate.count(name, getattr(self, name)))
+            object.__setattr__(self, name, _validate.count(name, getattr(self, name)))
         object.__setattr__(self, "spacing", _spacing(self.spacing))
-        object.__setattr__(self, "mass", validate.number("mass", self.mass, above=0.0))
-        object.__setattr__(self, "taper", validate.number("taper", self.taper, above=0.0))
-        if validate.count("dimensions", self.dimensions) > 3:
+        object.__setattr__(self, "mass", _validate.number("mass", self.mass, above=0.0))
+        object.__setattr__(self, "taper", _validate.number("taper", self.taper, above=0.0))
+        if _validate.count("dimensions", self.dimensions) > 3:
             raise ValueError(f"dimensions must be 1, 2 or 3, got {self.dimensions!r}")
         if self.dimensions < 3 and self.layers > 1:
             raise ValueError(f"layers must be 1 with dimensions={self.dimensions}, got {self.layers!r}")
         if isinstance(self.pinned, str):
-            validate.choice("pinned", self.pinned, PINNED)
+            _validate.choice("pinned", self.pinned, PINNED)
         else:
             object.__setattr__(self, "pinned", _particle_numbers(self.pinned, self.size))
 
@@ -116,7 +119,7 @@ class Lattice:
         return self.layers * self.rows * self.cols
 
     @property
-    def steps(self) -> tuple[float, float, float]:
+    def spacings(self) -> tuple[float, float, float]:
         """Distance of neighbours along, up and across [m]."""
         if not isinstance(self.spacing, tuple):
             return self.spacing, self.spacing, self.spacing
@@ -126,18 +129,18 @@ class Lattice:
     @property
     def extent(self) -> tuple[float, float]:
         """Length along x and height along z at rest [m]."""
-        along, up, _ = self.steps
+        along, up, _ = self.spacings
         return along * (self.cols - 1), up * (self.rows - 1)
 
     @property
     def diagonal(self) -> float:
         """Diagonal of the cloth at rest [m]; the spacing where there is but one particle."""
-        return float(np.hypot(*self.extent)) or self.steps[0]
+        return float(np.hypot(*self.extent)) or self.spacings[0]
 
     @cached_property
     def rest_positions(self) -> NDArray[np.float64]:
         """Positions at rest [m], shape (layers, rows, cols, 3): particle (0, 0, 0) at the origin, z up, y across."""
-        along, up, across = self.steps
+        along, up, across = self.spacings
         layer, row, col = np.indices(self.shape)
         return _read_only(np.stack([col * along, layer * across, row * up], axis=-1).astype(np.float64))
 
@@ -166,36 +169,40 @@ class Lattice:
                 fixed[:, :, :2] = True
         return _read_only(fixed.ravel())
 
-    def families(self, *steps: Step) -> tuple[Family, ...]:
+    def families(self, *directions: Direction) -> tuple[Family, ...]:
         """Link families in the given directions; directions in which the lattice holds no link are left out."""
-        families = (self._family(step) for step in steps)
+        families = (self._family(direction) for direction in directions)
         return tuple(family for family in families if family.present.any())
 
-    def _family(self, step: Step) -> Family:
-        offset = (step[0] * self.rows + step[1]) * self.cols + step[2]
+    def _family(self, direction: Direction) -> Family:
+        offset = (direction[0] * self.rows + direction[1]) * self.cols + direction[2]
         if offset <= 0:  # only on lattices too small to hold such a link
             return Family(0, np.zeros(self.size, dtype=bool), 0.0, np.zeros(self.size))
-        starts = tuple(slice(max(-by, 0), max(end - max(by, 0), 0)) for by, end in zip(step, self.shape, strict=True))
+        starts = tuple(slice(max(-by, 0), max(end - max(by, 0), 0)) for by, end in zip(direction, self.shape, strict=True))
         whole = np.zeros(self.shape, dtype=bool)
         whole[starts] = True
         present = whole.ravel()[: max(self.size - offset, 0)]
-        along, up, across = self.steps
-        length = float(np.linalg.norm([step[2] * along, step[0] * across, step[1] * up]))
+        along, up, across = self.spacings
+        length = float(np.linalg.norm([direction[2] * along, direction[0] * across, direction[1] * up]))
         profile = self.taper_profile
         return Family(offset, present, length, 0.5 * (profile[: len(present)] + profile[offset:]))
 
 
 def _spacing(value: Any) -> float | tuple[float, ...]:
-    if not isinstance(value, (tuple, list, np.ndarray)):
-        return validate.number("spacing", value, above=0.0)
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, (tuple, list)):
+        return _validate.number("spacing", value, above=0.0)
     if len(value) not in (2, 3):
         raise ValueError(f"spacing must be one number, (along, up) or (along, up, across), got {value!r}")
-    return tuple(validate.number("spacing", entry, above=0.0) for entry in value)
+    return tuple(_validate.number("spacing", entry, above=0.0) for entry in value)
 
 
 def _particle_numbers(value: Any, size: int) -> tuple[int, ...]:
     try:
-        numbers = tuple(sorted({validate.count("pinned", entry, minimum=0) for entry in value}))
+        if isinstance(value, bytes):  # whose entries are whole numbers
+            raise TypeError
+        numbers = tuple(sorted({_validate.count("pinned", entry, minimum=0) for entry in value}))
     except TypeError:
         raise TypeError(f"pinned must be one of {PINNED} or a tuple of particle numbers, got {value!r}") from None
     if numbers and numbers[-1] >= size:

@@ -20,7 +20,7 @@ STEPS = 300
 
 
 def between(low, high):
-    return st.floats(low, high, allow_subnormal=False)
+    return st.floats(low, high).map(lambda value: 0.0 if abs(value) < 1e-100 else value)
 
 
 def powers(low, high):
@@ -73,7 +73,7 @@ POLE = st.builds(effects.MastCollision, powers(-3, -1))
 
 def made(lattice, chosen, method, dtype):
     """A scene of these; an effect that does not go with the lattice must say so."""
-    make = partial(Scene, lattice, tuple(chosen), method, dtype=dtype, perturbation=1e-3 * lattice.steps[0])
+    make = partial(Scene, lattice, tuple(chosen), method, dtype=dtype, perturbation=1e-3 * lattice.spacings[0])
     try:
         return make()
     except ValueError:
@@ -131,7 +131,7 @@ def bits(sim):
 def shaken(scene, seed, **arguments):
     """A simulator whose particles set out at up to a spacing in ten steps."""
     sim = Simulator(scene, seed=seed % 1000, **arguments)
-    fastest = min(0.1 * scene.lattice.steps[0] / sim.timestep, 10.0)
+    fastest = min(0.1 * scene.lattice.spacings[0] / sim.timestep, 10.0)
     random = np.random.default_rng(seed).uniform(-fastest, fastest, sim.velocities.shape[1:])
     moving = ~scene.lattice.fixed.reshape(scene.lattice.shape)[..., None] & np.isin(range(3), scene.lattice.axes)
     sim.set_velocities(np.where(moving, random, 0.0))

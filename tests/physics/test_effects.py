@@ -10,11 +10,12 @@ import pickle
 import numpy as np
 import pytest
 
-from flag_env.physics import Lattice, Scene, Simulator, compose
-from flag_env.physics.bound import bind
+from flag_env.physics import Lattice, Scene, Simulator
+from flag_env.physics.compiling import jit, step
 from flag_env.physics.effects import (
     AirDrag,
     AirPressure,
+    Attachment,
     Bending,
     CosineWind,
     CrossLayer,
@@ -28,8 +29,9 @@ from flag_env.physics.effects import (
     Structural,
     Tearing,
 )
-from flag_env.physics.effects.base import Setting
-from flag_env.physics.jit import jit
+from flag_env.physics.effects.base import BindContext
+from flag_env.physics.effects.links import link_groups
+from flag_env.physics.runtime.binding import bind
 
 EFFECTS = [  # a new effect joins with one line
     Gravity(3.0),
@@ -46,6 +48,7 @@ EFFECTS = [  # a new effect joins with one line
     MastCollision(0.09),
     StrainLimit(),
     Tearing(0.2),
+    Attachment((1, 2, 3), (0.4, 0.1, 0.2), 200.0, 0.3),
 ]
 NOTHING = dict.fromkeys(("stiffness", "viscosity", "acceleration", "rate", "amplitude", "mean", "density"), 0.0)
 NOTHING |= {"thickness": 0.0, "radius": 0.0, "stretch": math.inf, "strain": math.inf}
@@ -75,29 +78,30 @@ def lattice_of(effect, lattice=LATTICE):
 
 def company(effect):
     """Effects that act on others come with some."""
-    return (LINKS, effect) if effect.binds_last else (effect,)
+    return (LINKS, effect) if effect.breaks else (effect,)
 
 
 def bound_to(effect, dtype="float64", lattice=None):
     """The effect and its company as bound to two copies; inverse masses."""
     lattice = lattice_of(effect) if lattice is None else lattice
-    setting = Setting(lattice, np.dtype(dtype), copies=2, timestep=H, seed=0, bound={})
-    return bind(company(effect), setting), np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(dtype)
+    links = link_groups(lattice, company(effect), 2, np.dtype(dtype))
+    context = BindContext(lattice, np.dtype(dtype), copies=2, timestep=H, seed=0, links=links)
+    return bind(company(effect), context), np.where(lattice.fixed, 0.0, 1.0 / lattice.masses).astype(dtype)
 
 
 @jit
-def compiled(effects, copy, x, v, f, scratch, inverse_mass, seconds, lag):
-    compose.project(effects, copy, x, v, scratch, inverse_mass, seconds)
-    compose.forces(effects, copy, x, v, f, scratch, lag)
+def compiled(effects, copy, x, v, f, effect_work, inverse_mass, seconds, lag):
+    step.project(effects, copy, x, v, effect_work, inverse_mass, seconds)
+    step.forces(effects, copy, x, v, f, effect_work, lag)
 
 
 def act(effect, x, v, dtype="float64", lattice=None):
     """Positions and velocities after the corrections, and the forces there, each (particles, 3)."""
-    bound, inverse_mass = bound_to(effect, dtype, lattice)
+    data, inverse_mass = bound_to(effect, dtype, lattice)
     size = len(inverse_mass)
-    f, scratch = np.full((3, size), np.nan, dtype), np.full((6, 2 * size), np.nan, dtype)
+    f, effect_work = np.full((3, size), np.nan, dtype), np.full((6, 2 * size), np.nan, dtype)
     x, v = (np.array(np.reshape(a, (-1, 3)).T, dtype, order="C") for a in (x, v))
-    compiled(bound, 1, x, v, f, scratch, inverse_mass, H, LAG)
+    compiled(data, 1, x, v, f, effect_work, inverse_mass, H, LAG)
     assert x.dtype == v.dtype == f.dtype == dtype
     return x.T.copy(), v.T.copy(), f.T.copy()
 
@@ -129,15 +133,15 @@ def uncompiled(run_python, tmp_path_factory):
         pickle.dump([(*bound_to(effect, d), d, *pose()) for effect in EFFECTS for d in ("float64", "float32")], file)
     script = f"""
 import pickle, numpy as np, numba
-from flag_env.physics import compose
+from flag_env.physics.compiling import step
 assert numba.config.DISABLE_JIT
 result = []
 for bound, inverse_mass, dtype, x, v in pickle.load(open({str(folder / "cases")!r}, "rb")):
     f, scratch = np.full((3, len(x)), np.nan, dtype), np.full((6, 2 * len(x)), np.nan, dtype)
     x, v = (np.array(a.T, dtype, order="C") for a in (x, v))
     with np.errstate(all="ignore"):
-        compose.project(bound, 1, x, v, scratch, inverse_mass, {H})
-        compose.forces(bound, 1, x, v, f, scratch, {LAG})
+        step.project(bound, 1, x, v, scratch, inverse_mass, {H})
+        step.forces(bound, 1, x, v, f, scratch, {LAG})
     result.append((x.T.copy(), v.T.copy(), f.T.copy()))
 pickle.dump(result, open({str(folder / "results")!r}, "wb"))
 """
@@ -165,9 +169,9 @@ def test_it_acts_in_the_pose_that_the_battery_tries(effect):
 def test_single_precision_agrees_with_double(effect):
     for double, single in zip(*(act(effect, *pose(), dtype) for dtype in ("float64", "float32")), strict=True):
         np.testing.assert_allclose(single, double, rtol=0, atol=1e-5 * np.abs(double).max())
-    bound = bound_to(effect, "float32")[0][-1]
-    kept = bound.state() if hasattr(bound, "state") else ()
-    for name, value in bound._asdict().items():
+    data = bound_to(effect, "float32")[0][-1]
+    kept = data.state() if hasattr(data, "state") else ()
+    for name, value in data._asdict().items():
         entries = value if isinstance(value, tuple) else (value,)
         for dtype in (np.asarray(entry).dtype for entry in entries):
             if np.issubdtype(dtype, np.floating) and name not in kept:
@@ -235,28 +239,29 @@ def test_declared_bounds_hold_in_every_pose(effect):
     """-dF/dx <= stiffness, -dF/dv <= damping as matrices: what the step limit rests on. Corrections ask for nothing."""
     n = LATTICE.size
     stiffness, damping = np.zeros((2, n, n))
-    for term in effect.link_terms(LATTICE):
+    bound = effect.linear_bound(LATTICE)
+    for term in bound.links:
         for t in range(n - term.family.offset):
             pair = np.zeros(n)
             pair[[t, t + term.family.offset]] = 1, -1
             stiffness += term.stiffness[t] * np.outer(pair, pair)
             damping += term.viscosity[t] * np.outer(pair, pair)
-    drag = effect.drag(LATTICE)
-    damping += np.diag(np.zeros(n) if drag is None else drag)
+    stiffness += np.diag(np.zeros(n) if bound.stiffness is None else bound.stiffness)
+    damping += np.diag(np.zeros(n) if bound.drag is None else bound.drag)
     if not hasattr(bound_to(effect)[0][-1], "force"):
         assert not stiffness.any()
         assert not damping.any()
         return
     for seed, stretch in ((0, 1.1), (1, 0.4), (2, 3.0), (3, 0.0)):
         x, v = pose(seed, stretch)
-        for bound, moved, h in ((stiffness, 0, 1e-6), (damping, 1, 1e-3)):
+        for data, moved, h in ((stiffness, 0, 1e-6), (damping, 1, 1e-3)):
             slope = np.empty((3 * n, 3 * n))
             for i, index in enumerate(np.ndindex(x.shape)):
                 shift = np.zeros_like(x)
                 shift[index] = h
                 at = [[x + sign * shift, 0 * v] if moved == 0 else [x, v + sign * shift] for sign in (1, -1)]
                 slope[:, i] = (forces(effect, *at[0]) - forces(effect, *at[1])).ravel() / (2 * h)
-            spare = np.kron(bound, np.eye(3)) + (slope + slope.T) / 2
+            spare = np.kron(data, np.eye(3)) + (slope + slope.T) / 2
             assert np.linalg.eigvalsh(spare).min() > -1e-5 * max(1.0, np.abs(slope).max())
 
 

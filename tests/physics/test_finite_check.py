@@ -8,8 +8,9 @@ import numba
 import numpy as np
 import pytest
 
-from flag_env.physics import Diverged, Simulator, compose, presets
-from flag_env.physics.effects import Effect
+from flag_env.physics import Diverged, Simulator, presets
+from flag_env.physics.compiling import step
+from flag_env.physics.effects import Effect, LinearBound
 
 BAD = [np.nan, -np.nan, np.inf, -np.inf]
 
@@ -22,14 +23,14 @@ def fast(dispatcher, **calls):
 
 @pytest.fixture(scope="module")
 def fast_check():
-    count = fast(compose._count_non_finite)
-    return fast(compose._first_non_finite, _non_finite=fast(compose._non_finite, _count_non_finite=count))
+    count = fast(step._count_non_finite)
+    return fast(step.first_non_finite, _non_finite=fast(step._non_finite, _count_non_finite=count))
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("compiled", ["as shipped", "with fast-math"])
 def test_the_first_bad_number_is_found(fast_check, compiled, dtype):
-    check = fast_check if compiled == "with fast-math" else compose._first_non_finite
+    check = fast_check if compiled == "with fast-math" else step.first_non_finite
     largest = np.finfo(dtype).max
     for bad in BAD:
         for d in range(3):
@@ -44,16 +45,16 @@ def test_the_first_bad_number_is_found(fast_check, compiled, dtype):
 
 
 @numba.njit(fastmath=True, error_model="numpy")
-def _push(bound, copy, x, v, f, scratch, lag):
-    f[0, 20] += 1e-9 * np.sqrt(60.0 - bound.phase[copy])
+def _push(data, copy, x, v, f, effect_work, lag):
+    f[0, 20] += 1e-9 * np.sqrt(60.0 - data.phase[copy])
 
 
 @numba.njit(fastmath=True, error_model="numpy")
-def _count(bound, copy, seconds):
-    bound.phase[copy] += 1.0
+def _count(data, copy, seconds):
+    data.phase[copy] += 1.0
 
 
-class BoundPoison(NamedTuple):
+class PoisonData(NamedTuple):
     phase: Any
 
     force = staticmethod(_push)
@@ -64,8 +65,11 @@ class BoundPoison(NamedTuple):
 class Poison(Effect):
     """A force that is NaN from step 62 on, compiled with every fast-math flag."""
 
-    def bind(self, setting):
-        return BoundPoison(np.zeros(setting.copies))
+    def bind(self, context):
+        return PoisonData(np.zeros(context.copies))
+
+    def linear_bound(self, lattice):
+        return LinearBound()
 
 
 def test_a_bad_number_out_of_fast_math_is_named_within_a_hundred_steps():

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from flag_env.physics import Lattice, Scene, Simulator
-from flag_env.physics.effects import AirDrag, CosineWind, Gusts, Structural
-from flag_env.physics.effects.base import Setting
-from flag_env.physics.effects.turbulence import advance_turbulence, filter_coefficients
-from flag_env.physics.jit import jit
+from flag_env.physics.compiling import jit
+from flag_env.physics.effects import AirDrag, AirPressure, CosineWind, Gusts, Structural
+from flag_env.physics.effects.base import BindContext
+from flag_env.physics.effects.wind.turbulence import advance_turbulence, filter_coefficients
 
 MOTE = Lattice(1, 1, 1, mass=0.02, pinned="none")
 GUSTS = Gusts((1.5, 1.0, 0.5), (2.0, 3.0, 1.0), speed=4.0, mean=(4.0, 0.0, 0.0))
 
 
 def bind(effect, lattice=MOTE, copies=1, timestep=0.01, seed=0, dtype="float64"):
-    return effect.bind(Setting(lattice, np.dtype(dtype), copies, timestep, seed, {}))
+    return effect.bind(BindContext(lattice, np.dtype(dtype), copies, timestep, seed))
 
 
 @jit
@@ -90,13 +90,13 @@ def test_steps_are_exact(step, lateral):
 def test_the_past_is_as_likely_as_the_future():
     """The ring starts stationary: over many copies its oldest, newest and next numbers have the same variance and correlation."""
     lattice, copies = Lattice(1, 2, 9, 0.25, 0.02), 6000
-    bound = bind(GUSTS, lattice, copies, timestep=0.05)
-    turbulence = bound.turbulence
+    data = bind(GUSTS, lattice, copies, timestep=0.05)
+    turbulence = data.turbulence
     head, history = turbulence.head[0, 0], turbulence.history
     old = history[:, :, 0].copy()
     new = history[:, :, head].copy()
     for copy in range(copies):
-        bound.advance(bound, copy, 0.05)
+        data.advance(data, copy, 0.05)
     later = history[np.arange(copies), :, turbulence.head[:, 0]]
     for values in (old, new, later):
         assert np.all(np.abs((values**2).mean(axis=0) / np.square(GUSTS.intensity) - 1) < 4 * math.sqrt(2 / copies))
@@ -134,16 +134,16 @@ def test_a_gust_reaches_a_column_after_its_distance_over_the_speed(speed, exact)
 
 
 def test_the_air_is_linear_between_two_steps():
-    bound, lattice = bind(GUSTS, timestep=0.01), MOTE
+    data, lattice = bind(GUSTS, timestep=0.01), MOTE
     found = []
     for lag in (0.0, 0.005, 0.01):
         x, f = np.zeros((2, 3, 1))
-        bound.force(bound, 0, x, x, f, np.zeros((3, 1)), lag)
+        data.force(data, 0, x, x, f, np.zeros((3, 1)), lag)
         found.append(f[:, 0] / (GUSTS.rate * lattice.mass))
     np.testing.assert_allclose(found[1], 0.5 * (found[0] + found[2]), rtol=1e-12)
-    bound.advance(bound, 0, 0.01)
+    data.advance(data, 0, 0.01)
     x, f = np.zeros((2, 3, 1))
-    bound.force(bound, 0, x, x, f, np.zeros((3, 1)), 0.0)
+    data.force(data, 0, x, x, f, np.zeros((3, 1)), 0.0)
     np.testing.assert_allclose(f[:, 0] / (GUSTS.rate * lattice.mass), found[2], rtol=1e-12)
 
 
@@ -155,9 +155,9 @@ def test_no_intensity_is_a_constant_wind(dimensions, dtype):
     winds = Gusts(0.0, mean=mean, rate=2.0), CosineWind(mean=mean)
     found = []
     for wind in winds:
-        bound = bind(wind, lattice, dtype=dtype)
+        data = bind(wind, lattice, dtype=dtype)
         x, v, f = np.zeros((3, dimensions, lattice.size), dtype)
-        bound.force(bound, 0, x, v, f, np.zeros((3, lattice.size), dtype), 0.0)
+        data.force(data, 0, x, v, f, np.zeros((3, lattice.size), dtype), 0.0)
         assert f.dtype == dtype
         found.append(f)
     tolerance = 1e-12 if dtype == "float64" else 1e-6
@@ -246,3 +246,68 @@ def test_wrong_arguments_are_named(wrong):
 def test_a_rope_in_one_dimension_is_refused():
     with pytest.raises(ValueError, match="dimensions 2 or 3"):
         Scene(Lattice(1, 1, 5, dimensions=1), (Gusts(),))
+
+
+TURBULENT = {
+    "Gusts": Scene(Lattice(1, 3, 5, 0.1, 0.02), (Structural(100.0, 0.1), GUSTS), timestep=1e-3),
+    "AirPressure": Scene(Lattice(1, 3, 5, 0.1, 0.02), (Structural(100.0, 0.1), AirPressure(gusts=GUSTS)), timestep=1e-3),
+}
+
+
+@pytest.mark.parametrize("name", TURBULENT)
+def test_reseeded_copies_have_the_turbulence_of_fresh_simulators_with_these_seeds(name):
+    """Whenever they start anew and wherever they stand, and the other copies go on as they were."""
+    scene = TURBULENT[name]
+    sim, untouched = (Simulator(scene, copies=3) for _ in range(2))
+    for one in (sim, untouched):
+        one.step(137)
+    start = Simulator(scene).get_state()
+    sim.set_state(start, copies=[2, 0])
+    sim.reseed([2, 0], np.array([7, 2**70], object))
+    sim.step(200)
+    untouched.step(200)
+    np.testing.assert_array_equal(sim.positions[1], untouched.positions[1])
+    for copy, seed in ((2, 7), (0, 2**70)):
+        single = Simulator(scene, seed=seed)
+        single.step(200)
+        np.testing.assert_array_equal(sim.positions[copy], single.positions[0])
+        np.testing.assert_array_equal(sim.velocities[copy], single.velocities[0])
+    assert not np.array_equal(sim.positions[0], sim.positions[2])
+
+
+def test_reseeding_moves_nothing_but_the_air():
+    sim = Simulator(TURBULENT["Gusts"], copies=2)
+    sim.step(50)
+    before = sim.positions, sim.time
+    sim.reseed(range(2), [3, 3])
+    assert np.array_equal(sim.positions, before[0])
+
+    assert sim.time == before[1]
+    turbulence = sim._run.effects[1].turbulence
+    assert np.array_equal(turbulence.history[0], turbulence.history[1])
+
+
+@pytest.mark.parametrize(
+    ("copies", "seeds", "error", "name"),
+    [
+        ([2], [0], ValueError, "copies"),
+        (0, [0], TypeError, "copies"),
+        ([0], 5, TypeError, "seeds"),
+        ([0], [-1], ValueError, "seeds"),
+        ([0], [1.5], TypeError, "seeds"),
+        ([0], [None], TypeError, "seeds"),
+        ([0, 1], [1], ValueError, "seeds"),
+    ],
+)
+def test_wrong_copies_and_seeds_are_refused_by_name_and_change_nothing(copies, seeds, error, name):
+    sim = Simulator(TURBULENT["Gusts"], copies=2)
+    before = sim.get_state()
+    with pytest.raises(error, match=name):
+        sim.reseed(copies, seeds)
+    for a, b in zip(before.arrays(), sim.get_state().arrays(), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_scene_without_turbulence_is_not_reseeded():
+    with pytest.raises(ValueError, match=r"scene must hold turbulence for reseed, such as effects.Gusts\(\)"):
+        Simulator(Scene(MOTE, (CosineWind(),), timestep=1e-3)).reseed([0], [1])

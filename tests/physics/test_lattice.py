@@ -35,7 +35,7 @@ def test_families_hold_every_link_once(kind, shape):
             share = [1 - 0.6 * col / max(shape[2] - 1, 1) for _, _, col in (p, q)]
             expected[number[p], number[q]] = (length, sum(share) / 2)
     found = {}
-    for family in lattice.families(*kind.steps):
+    for family in lattice.families(*kind.directions):
         assert len(family.present) == len(family.taper) == lattice.size - family.offset
         for t in np.flatnonzero(family.present):
             link = (int(t), int(t) + family.offset)

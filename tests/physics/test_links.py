@@ -26,7 +26,7 @@ SHAPES = {
 def by_neighbours(lattice, x, v, damping):
     """Forces (layers, rows, cols, 3)."""
     share = lattice.taper_profile.reshape(lattice.shape)
-    along, up, across = lattice.steps
+    along, up, across = lattice.spacings
     total = np.zeros_like(x)
     for steps, k, c in zip(STEPS, STIFFNESS, VISCOSITY, strict=True):
         for step in steps:

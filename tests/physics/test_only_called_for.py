@@ -6,13 +6,14 @@ import numba
 import numpy as np
 import pytest
 
-from flag_env.physics import Lattice, Scene, Simulator, compose, effects, presets
+from flag_env.physics import Lattice, Scene, Simulator, effects, presets
+from flag_env.physics.compiling import step
 
 
 def compiled(scene, monkeypatch):
     """The scene's step, compiled here and now, and the types of its arguments."""
-    run = numba.njit(error_model="numpy", nogil=True, _nrt=False)(compose._make_run())
-    monkeypatch.setattr("flag_env.physics.run.compiled_run", lambda method, bound: run)
+    run = numba.njit(error_model="numpy", nogil=True, _nrt=False)(step.make_run())
+    monkeypatch.setattr("flag_env.physics.runtime.run.compiled_run", lambda method, data: run)
     Simulator(scene).step(1)
     (signature,) = run.signatures
     return run, signature
@@ -25,11 +26,11 @@ def machine_code(scene, monkeypatch) -> str:
 
 
 def has(code: str, what: str) -> bool:
-    patterns = {
-        "square root": r"\bv?sqrt[ps][sd]\b",
-        "division": r"\bv?div[ps][sd]\b",
-        "cosine": r"\bcos\b",
-        "double": r"\bv(add|mul|sub|fmadd\w*)[ps]d\b",
+    patterns = {  # of x86-64, and of AArch64
+        "square root": r"\bv?sqrt[ps][sd]\b|\bfsqrt\b",
+        "division": r"\bv?div[ps][sd]\b|\bfdiv\b",
+        "cosine": r"\b_?cos\b",
+        "double": r"\bv?(add|mul|sub|fmadd\w*)[ps]d\b|\bf(add|mul|sub|madd|mla)\b.*(\bd\d|\.2d\b)",
     }
     return re.search(patterns[what], code) is not None
 
@@ -56,7 +57,7 @@ FLAG = presets.flag(4, 5)
 def test_machine_code(scene, present, absent, monkeypatch):
     run, signature = compiled(scene, monkeypatch)
     kinds = [kind.instance_class for kind in signature[1].types]
-    assert kinds == [type(bound) for bound in Simulator(scene)._run.effects]  # nothing else is handed over
+    assert kinds == [type(data) for data in Simulator(scene).run.effects]  # nothing else is handed over
     assert len(kinds) == len(scene.effects)
     code = run.inspect_asm(signature)
     assert [what for what in present if not has(code, what)] == []
@@ -75,18 +76,18 @@ def test_each_effect_adds_code_of_its_own(monkeypatch):
 def test_a_rope_touches_one_coordinate_and_one_layer_no_cross_links():
     """By what the compiled step reads: rows of coordinates poisoned beyond the first, and links that lead across layers."""
     rope = Simulator(presets.rope(9))
-    assert rope._run.x.shape == rope._run.v.shape == (1, 1, 9)
-    forces, scratch, _ = rope._run._work[0]
-    forces[:] = scratch[:] = np.nan
+    assert rope.run.x.shape == rope.run.v.shape == (1, 1, 9)
+    forces, effect_work, _ = rope.run._work[0]
+    forces[:] = effect_work[:] = np.nan
     rope.step(10)
     assert forces.shape == (1, 9)
     assert np.isfinite(forces).all()
-    assert np.isfinite(scratch[0, : 9 + 1]).all()
-    assert np.isnan(scratch[0, 9 + 1 :]).all()
-    assert np.isnan(scratch[1:]).all()
+    assert np.isfinite(effect_work[0, : 9 + 1]).all()
+    assert np.isnan(effect_work[0, 9 + 1 :]).all()
+    assert np.isnan(effect_work[1:]).all()
 
     def crossing(scene):
-        offsets = [o for bound in Simulator(scene)._run.effects if hasattr(bound, "offset") for o in bound.offset]
+        offsets = [o for data in Simulator(scene).run.effects if hasattr(data, "offset") for o in data.offset]
         return sum(offset >= scene.lattice.rows * scene.lattice.cols - scene.lattice.cols - 1 for offset in offsets)
 
     assert crossing(FLAG) == 0
@@ -100,20 +101,20 @@ def arrays(value) -> list[np.ndarray]:
 def test_memory_held_is_the_sum_over_the_effects():
     """A one-layer scene holds no cross links; a scene without an effect holds none of its arrays."""
     whole = Simulator(FLAG)
-    kinds = [type(bound).__name__ for bound in whole._run.effects]
-    assert kinds == ["BoundGravity", "Isotropic3", "Isotropic3", "Isotropic3", "BoundAirDrag", "BoundCosineWind"]
+    kinds = [type(data).__name__ for data in whole.run.effects]
+    assert kinds == ["GravityData", "Isotropic3", "Isotropic3", "Isotropic3", "AirDragData", "CosineWindData"]
     bytes_of = {
-        type(effect): sum(array.nbytes for array in arrays(bound))
-        for effect, bound in zip(FLAG.effects, whole._run.effects, strict=True)
+        type(effect): sum(array.nbytes for array in arrays(data))
+        for effect, data in zip(FLAG.effects, whole.run.effects, strict=True)
     }
     for effect in FLAG.effects:
         cut = Simulator(FLAG.without(type(effect)))
-        held = sum(array.nbytes for bound in cut._run.effects for array in arrays(bound))
+        held = sum(array.nbytes for data in cut.run.effects for array in arrays(data))
         assert held == sum(bytes_of.values()) - bytes_of[type(effect)]
 
 
 def test_undamped_links_carry_no_viscosity():
-    (springs,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.0),)))._run.effects
-    (dampers,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.1),)))._run.effects
+    (springs,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.0),))).run.effects
+    (dampers,) = Simulator(Scene(Lattice(1, 3, 3), (effects.Structural(viscosity=0.1),))).run.effects
     assert "viscosity" not in springs._fields
     assert "viscosity" in dampers._fields

@@ -9,9 +9,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
 from flag_env.physics import Diverged, Lattice, Scene, Simulator, effects, integrators, max_timestep, presets
-from flag_env.physics.effects import SelfCollision, cells
-from flag_env.physics.effects.base import Setting
-from flag_env.physics.effects.blocks import find_pairs_by_blocks
+from flag_env.physics.effects import SelfCollision
+from flag_env.physics.effects.base import BindContext
+from flag_env.physics.effects.contact import cells
+from flag_env.physics.effects.contact.blocks import find_pairs_by_blocks
 
 CLOTH = presets.flag(12, 16)
 COLLIDING = CLOTH.adding(SelfCollision())
@@ -77,7 +78,7 @@ def folded(lattice, gap):
 
 def drop(sim):
     lattice = sim.scene.lattice
-    sim.set_positions(folded(lattice, 1.5 * max(lattice.steps)))
+    sim.set_positions(folded(lattice, 1.5 * max(lattice.spacings)))
     sim.set_wind(mean=(0.0, -8 * MEAN_MASS, 0.0))
 
 
@@ -143,18 +144,20 @@ def test_two_sheets_do_not_pass_each_other(restitution):
 
 
 def bound_to(effect, lattice, dtype="float64"):
-    return effect.bind(Setting(lattice, np.dtype(dtype), copies=1, timestep=1e-3, seed=0, bound={}))
+    return effect.bind(BindContext(lattice, np.dtype(dtype), copies=1, timestep=1e-3, seed=0))
 
 
-def listed_pairs(x, bound):
-    """Pairs that the cell lists find in x (particles, 3)."""
-    dtype = bound.rest.dtype
+def listed_pairs(x, data):
+    """Pairs that the cell lists find in x (particles, 3); None if they do not fit the list."""
+    dtype = data.rest.dtype
     x = np.ascontiguousarray(x.T, dtype)
-    scratch = np.empty_like(x)
-    where = bound.start[0], bound.place[0], bound.order[0], bound.column[0]
-    finite = cells.sort_into_cells(*x, bound.per_cell, *where, *scratch, x.shape[1])
-    one, two = bound.pairs[0]
-    count = cells.find_pairs(*scratch, bound.per_cell, *where, bound.code, bound.free, bound.reach, one, two, finite)
+    effect_work = np.empty_like(x)
+    where = data.start[0], data.place[0], data.order[0], data.column[0]
+    finite = cells.sort_into_cells(*x, data.per_cell, *where, *effect_work, x.shape[1])
+    one, two = data.pairs[0]
+    count, searched = cells.find_pairs(*effect_work, data.per_cell, *where, data.code, data.free, data.reach, 0, one, two, finite)
+    if searched < finite:
+        return None
     pairs = np.sort(np.stack([one[:count], two[:count]], axis=1).astype(int), axis=1)
     assert len(np.unique(pairs, axis=0)) == count  # none twice
     return {tuple(pair) for pair in pairs}
@@ -167,7 +170,7 @@ def brute_pairs(x, lattice, reach):
     with np.errstate(invalid="ignore", over="ignore"):
         d = x[j] - x[i]
         near = d[:, 0] * d[:, 0] + d[:, 1] * d[:, 1] + d[:, 2] * d[:, 2] < reach * reach
-    linked = (rest[i, 1] == rest[j, 1]) & (pdist(rest) < 1.005 * np.hypot(*lattice.steps[:2]))
+    linked = (rest[i, 1] == rest[j, 1]) & (pdist(rest) < 1.01 * np.hypot(*lattice.spacings[:2]))
     return set(zip(i[near & ~linked].tolist(), j[near & ~linked].tolist(), strict=True))
 
 
@@ -176,7 +179,7 @@ def brute_pairs(x, lattice, reach):
 @pytest.mark.parametrize("shape", [(1, 12, 16), (2, 5, 9), (1, 1, 40), (1, 2, 2), (3, 7, 1)])
 def test_cells_find_the_pairs_that_brute_force_finds(shape, spacing, dtype):
     lattice = Lattice(*shape, spacing, pinned="none")
-    bound = bound_to(SelfCollision(), lattice, dtype)
+    data = bound_to(SelfCollision(), lattice, dtype)
     random = np.random.default_rng(0)
     seen = 0
     for spread in (0.02, 0.1, 0.3, 1.0):
@@ -184,24 +187,24 @@ def test_cells_find_the_pairs_that_brute_force_finds(shape, spacing, dtype):
             x = (shift + spread * random.standard_normal((lattice.size, 3))).astype(dtype)
             x[: len(x) // 8] += np.array([1e9, -1e9, 1e5], dtype)  # far outside, most of them in one place
             x[len(x) // 2] = x[-1]  # coincident
-            found, expected = listed_pairs(x, bound), brute_pairs(x, lattice, bound.reach)
-            if len(expected) < bound.pairs.shape[2]:
-                assert found == expected
-            else:
-                assert found <= expected
+            found, expected = listed_pairs(x, data), brute_pairs(x, lattice, data.reach)
+            if found is None:
+                assert len(expected) > data.pairs.shape[2] - lattice.size
+                continue
+            assert found == expected
             seen += len(found)
     assert seen > 0 or lattice.size == 4
 
 
 def test_cells_find_neighbours_across_borders_and_leave_out_what_is_not_finite():
     lattice = Lattice(1, 8, 8, 0.1, pinned="none")
-    bound = bound_to(SelfCollision(), lattice)
-    grid = np.stack(np.meshgrid(*[np.arange(-2, 2) * float(1 / bound.per_cell)] * 3), axis=-1).reshape(-1, 3)
+    data = bound_to(SelfCollision(), lattice)
+    grid = np.stack(np.meshgrid(*[np.arange(-2, 2) * float(1 / data.per_cell)] * 3), axis=-1).reshape(-1, 3)
     for scale in (1.0, 0.999, np.nextafter(0.999, 0), 0.7, 0.5):
-        assert listed_pairs(scale * grid, bound) == brute_pairs(scale * grid, lattice, bound.reach)
+        assert listed_pairs(scale * grid, data) == brute_pairs(scale * grid, lattice, data.reach)
     grid[[3, 20, 41]] = [[np.nan, 0, 0], [0, np.inf, 0], [-np.inf, np.nan, 1e308]]
     grid[[5, 6]] = [[1e300, -1e300, 1e300], [1e300, -1e300, 1e300]]
-    assert listed_pairs(0.5 * grid, bound) == brute_pairs(0.5 * grid, lattice, bound.reach)
+    assert listed_pairs(0.5 * grid, data) == brute_pairs(0.5 * grid, lattice, data.reach)
 
 
 def crumpled(lattice, seed, size):
@@ -217,23 +220,21 @@ def crumpled(lattice, seed, size):
 @pytest.mark.parametrize("shape", [(1, 12, 16), (2, 7, 9), (3, 4, 4), (1, 5, 2), (1, 9, 31)])
 def test_blocks_find_the_pairs_that_brute_force_finds(shape, spacing, dtype):
     lattice = Lattice(*shape, spacing, pinned="none")
-    bound = bound_to(SelfCollision(), lattice, dtype)
+    data = bound_to(SelfCollision(), lattice, dtype)
     suited = 0
     for seed in range(8):
         for size in (1.0, 0.6, 0.2):
             x = crumpled(lattice, seed, size).astype(dtype)
-            pairs = np.zeros_like(bound.pairs[0])
-            where = bound.start[0], bound.place[0], bound.order[0], bound.column[0]
+            pairs = np.zeros_like(data.pairs[0])
+            where = data.start[0], data.place[0], data.order[0], data.column[0]
             rows = np.ascontiguousarray(x.T)
-            count = find_pairs_by_blocks(
-                rows, bound.blocks, bound.code, bound.free, bound.reach, *where, pairs, np.empty_like(rows)
-            )
+            count = find_pairs_by_blocks(rows, data.blocks, data.code, data.free, data.reach, *where, pairs, np.empty_like(rows))
             if count < 0:
                 continue
             suited += 1
             found = np.sort(pairs[:, :count].T.astype(int), axis=1)
             assert len(np.unique(found, axis=0)) == count
-            assert {tuple(pair) for pair in found} == brute_pairs(x, lattice, bound.reach)
+            assert {tuple(pair) for pair in found} == brute_pairs(x, lattice, data.reach)
     assert suited > 6 or lattice.size < 50
 
 
@@ -245,9 +246,9 @@ def test_torn_and_stretched_cloth_is_searched_too():
     x[:, 9:, :] += (-0.1, 0.05, -0.3)  # and folded
     sim.set_positions(x)
     sim.step()
-    bound = sim._run.effects[-1]
-    found = {tuple(sorted(pair)) for pair in bound.pairs[0, :, : bound.listed_pairs[0]].T.astype(int).tolist()}
-    assert found == brute_pairs(bound.listed[0].T, CLOTH.lattice, bound.reach)
+    data = sim.run.effects[-1]
+    found = {tuple(sorted(pair)) for pair in data.pairs[0, :, : data.listed_pairs[0]].T.astype(int).tolist()}
+    assert found == brute_pairs(data.listed[0].T, CLOTH.lattice, data.reach)
     assert found
 
 
@@ -277,7 +278,7 @@ def test_contact_keeps_momentum_and_the_centre_of_mass():
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
-@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.7])
 def test_contact_makes_no_kinetic_energy(friction, restitution):
     sim = Simulator(Scene(BEADS, (SelfCollision(0.15, friction, restitution),), timestep=1e-3))
     crowd(sim)
@@ -287,10 +288,7 @@ def test_contact_makes_no_kinetic_energy(friction, restitution):
         now = sim.energy()["kinetic"][0]
         assert now <= last * (1 + 1e-12)
         last = now
-    if friction == 0 and restitution == 1:
-        assert last == pytest.approx(first, rel=1e-12)
-    else:
-        assert last < 0.95 * first
+    assert last < 0.95 * first
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.2, 5.0])
@@ -346,6 +344,123 @@ def test_energy_does_not_grow_when_sheets_meet():
     assert np.diff(energies).max() < 2e-3 * energies[0]
 
 
+@pytest.mark.parametrize("share", [0.5, 0.7])
+@pytest.mark.parametrize("speed", [5.0, 20.0, 60.0])
+def test_undamped_cloth_that_bounces_as_much_as_is_allowed_gains_no_energy(speed, share):
+    """Without friction, damping and air, thrown at random: contact may only take energy out."""
+    flag = presets.flag(8, 10, viscosity=0.0, drag=0.0).without(effects.CosineWind)
+    scene = flag.replace(lattice=dataclasses.replace(flag.lattice, layers=2, pinned="none")).adding(effects.Gravity(0.0))
+    scene = scene.adding(SelfCollision(friction=0.0, restitution=0.7))
+    sim = Simulator(scene.replace(timestep=share * max_timestep(scene)))
+    sim.set_velocities(speed * np.random.default_rng(0).standard_normal((*scene.lattice.shape, 3)) / 2)
+    first = sum(value[0] for value in sim.energy().values())
+    for _ in range(40):
+        sim.step(250)
+        assert sum(value[0] for value in sim.energy().values()) < 1.05 * first
+
+
+# -- fine, thick and fast ------------------------------------------------------------------------------------------------------
+
+
+def closing(lattice, gap, closing_speed, shift=(0.0, 0.0), **options):
+    """Two layers without springs, `gap` apart and moving against each other, one shifted along x and z."""
+    sim = Simulator(Scene(lattice, (SelfCollision(**options),), timestep=1e-3))
+    x, v = np.zeros((2, *lattice.shape, 3))
+    x[:] = lattice.rest_positions
+    x[0, ..., 1], x[1, ..., 1] = 0.0, gap
+    x[1, ..., [0, 2]] += np.reshape(shift, (2, 1, 1))
+    v[0, ..., 1], v[1, ..., 1] = closing_speed / 2, -closing_speed / 2
+    sim.set_positions(x)
+    sim.set_velocities(v)
+    return sim
+
+
+def test_no_pair_of_a_fine_mesh_is_left_out():
+    """Spacings of 5 cm and 2.5 mm: some 80 particles within reach of each."""
+    sim = closing(Lattice(2, 40, 30, (0.05, 0.0025), 1e-3, pinned="none"), 0.1, 1.0)
+    for _ in range(30):
+        sim.step(10)
+        y = sim.positions[0, ..., 1]
+        assert (y[1] > y[0]).all()
+        assert np.median(y[1] - y[0]) > 0.02
+
+
+def test_the_list_holds_the_rest_pose_of_any_mesh():
+    for scene in (presets.storm_flag(rows=100, cols=12), presets.two_layer_flag(12, 16).adding(SelfCollision(0.4))):
+        sim = Simulator(scene.replace(perturbation=0.0))
+        sim.step()
+        (data,) = [run for run in sim._run.effects if hasattr(run, "listed_pairs")]
+        assert data.listed_pairs[0] == len(brute_pairs(data.listed[0].T, scene.lattice, data.reach)) > 0
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_pairs_that_no_list_holds_are_treated_in_parts_to_the_same_bits(dtype):
+    """A list of one place a particle against one that holds any two."""
+    random = np.random.default_rng(0)
+    n = BEADS.size
+    x, v = np.ascontiguousarray(random.standard_normal((2, 3, n)), dtype)
+    ends = []
+    for places in (n, n * (n - 1) // 2):
+        data = bound_to(SelfCollision(0.15, restitution=0.3), BEADS, dtype)
+        data = data._replace(pairs=np.zeros((1, 2, places), np.uint32))
+        p, u = 0.12 * x, v.copy()
+        inverse_mass, effect_work = (1 / BEADS.masses).astype(dtype), np.zeros((6, 2 * n), dtype)
+        for _ in range(40):
+            p += np.asarray(1e-3, dtype) * u
+            data.project(data, 0, p, u, effect_work, inverse_mass, 1e-3)
+            ends.append((p.copy(), u.copy()))
+        assert (data.listed_pairs[0] < 0) == (places == n)
+    np.testing.assert_array_equal(ends[:40], ends[40:])
+
+
+def test_a_crowd_in_one_place_is_parted_whole():
+    """Far more pairs than any list holds: all particles of a fine cloth within one thickness."""
+    lattice = Lattice(1, 30, 30, 0.01, 1e-3, pinned="none")
+    sim = Simulator(Scene(lattice, (SelfCollision(),), timestep=1e-3))
+    x = 0.002 * np.random.default_rng(0).standard_normal((*lattice.shape, 3))
+    sim.set_positions(x)
+    sim.step()
+    assert sim._run.effects[0].listed_pairs[0] == -1
+    sim.step(1000)
+    apart = pdist(sim.positions[0].reshape(-1, 3))
+    linked = pdist(lattice.rest_positions.reshape(-1, 3)) < 1.005 * np.hypot(0.01, 0.01)
+    assert apart[~linked].min() > 0.8 * 0.7 * 0.02
+
+
+@pytest.mark.parametrize("spacing", [0.1])
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_sheets_that_approach_by_a_tenth_of_a_thickness_a_step_hardly_ever_cross(spacing, friction):
+    """However they lie: the particles of one before the middles of the other's cells are the hardest."""
+    lattice = Lattice(2, 12, 12, spacing, 1e-3, pinned="none")
+    thickness = SelfCollision().reach(lattice)
+    along, up, _ = lattice.spacings
+    random, crossed = np.random.default_rng(0), 0
+    for trial in range(20):
+        shift = (along / 2, up / 2) if trial == 0 else random.uniform(0, 1, 2) * (along, up)
+        sim = closing(lattice, thickness * random.uniform(1.0, 1.5), 0.1 * thickness / 1e-3, shift, friction=friction)
+        for _ in range(6):
+            sim.step()
+            crossed += crossings(sim.positions[0]) > 0
+    assert crossed <= 6  # of 120 looks
+
+
+def test_contact_changes_angular_momentum_by_little():
+    """By less than one percent of the particles' own, |x| m |v| summed up."""
+    for friction in (0.0, 0.3):
+        sim = Simulator(Scene(BEADS, (SelfCollision(0.15, friction=friction),), timestep=1e-3))
+        crowd(sim, spread=0.3, speed=0.5)
+        masses = BEADS.masses[:, None]
+
+        def turning(sim=sim, masses=masses):
+            x, v = sim.positions[0].reshape(-1, 3), sim.velocities[0].reshape(-1, 3)
+            x = x - (masses * x).sum(axis=0) / masses.sum()
+            return np.cross(x, masses * v).sum(axis=0), (np.linalg.norm(x, axis=1) * np.linalg.norm(masses * v, axis=1)).sum()
+
+        before, scale = turning()
+        sim.step(300)
+        assert np.abs(turning()[0] - before).max() < 0.01 * scale
+
+
 # -- the contract ---------------------------------------------------------------------------------------------------------------
 
 
@@ -363,7 +478,7 @@ def test_nothing_close_no_bit_changes(dtype):
 @pytest.mark.parametrize("scene", [CLOTH, layered(CLOTH)])
 def test_the_step_limit_stays(scene):
     assert max_timestep(scene.adding(SelfCollision())) == max_timestep(scene)
-    assert not SelfCollision().link_terms(scene.lattice)
+    assert SelfCollision().linear_bound(scene.lattice) == ((), None, None, False)
 
 
 def test_the_rest_pose_is_free_of_contact_at_any_thickness():
@@ -376,7 +491,7 @@ def test_the_rest_pose_is_free_of_contact_at_any_thickness():
 
 def test_a_state_continues_to_the_bit():
     sim = Simulator(COLLIDING, copies=3)
-    sim.set_positions(folded(CLOTH.lattice, 1.5 * max(CLOTH.lattice.steps)))
+    sim.set_positions(folded(CLOTH.lattice, 1.5 * max(CLOTH.lattice.spacings)))
     gale(sim)
     sim.step(333)
     state = sim.get_state()
@@ -391,7 +506,7 @@ def test_a_state_continues_to_the_bit():
     np.testing.assert_array_equal(ends[0], ends[1])
     np.testing.assert_array_equal(ends[0], ends[2])
     unbroken = Simulator(COLLIDING, copies=3)
-    unbroken.set_positions(folded(CLOTH.lattice, 1.5 * max(CLOTH.lattice.steps)))
+    unbroken.set_positions(folded(CLOTH.lattice, 1.5 * max(CLOTH.lattice.spacings)))
     gale(unbroken)
     unbroken.step(533)
     np.testing.assert_array_equal((unbroken.positions, unbroken.velocities), ends[0])
@@ -426,7 +541,7 @@ def test_one_copy_of_a_state_continues_in_any_place():
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_copies_and_threads_give_the_same_bits(dtype):
     scene = COLLIDING.replace(dtype=dtype)
-    x = np.stack([folded(CLOTH.lattice, gap * max(CLOTH.lattice.steps)) for gap in (1.3, 1.5, 1.7, 2.0)])
+    x = np.stack([folded(CLOTH.lattice, gap * max(CLOTH.lattice.spacings)) for gap in (1.3, 1.5, 1.7, 2.0)])
     sims = [Simulator(scene, copies=4, threads=threads) for threads in (1, 2)]
     for sim in sims:
         sim.set_positions(x)
@@ -443,8 +558,8 @@ def test_copies_and_threads_give_the_same_bits(dtype):
 
 
 def test_single_precision_stays_single():
-    bound = bound_to(SelfCollision(), CLOTH.lattice, "float32")
-    for name, value in {**bound._asdict(), **bound.blocks._asdict(), "blocks": 0}.items():
+    data = bound_to(SelfCollision(), CLOTH.lattice, "float32")
+    for name, value in {**data._asdict(), **data.blocks._asdict(), "blocks": 0}.items():
         kind = np.asarray(value).dtype
         assert kind == np.float32 or np.issubdtype(kind, np.integer), name
 
@@ -490,8 +605,8 @@ def test_an_effect_is_a_value():
     effect = SelfCollision(0.1, 0.2, 0.3)
     assert pickle.loads(pickle.dumps(effect)) == effect
     assert hash(effect) == hash(SelfCollision(0.1, 0.2, 0.3))
-    assert SelfCollision().reach(CLOTH.lattice) == pytest.approx(1.2 * max(CLOTH.lattice.steps[:2]))
-    for wrong in ({"thickness": np.inf}, {"thickness": -1.0}, {"friction": -0.1}, {"restitution": 1.1}, {"restitution": -0.1}):
+    assert SelfCollision().reach(CLOTH.lattice) == pytest.approx(1.2 * max(CLOTH.lattice.spacings[:2]))
+    for wrong in ({"thickness": np.inf}, {"thickness": -1.0}, {"friction": -0.1}, {"restitution": 0.71}, {"restitution": -0.1}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             SelfCollision(**wrong)
     with pytest.raises(ValueError, match="dimensions"):

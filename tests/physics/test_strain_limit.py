@@ -1,6 +1,7 @@
 """Checks the strain limit: it holds, keeps momentum, adds no energy, and leaves alone what is within it."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ NOISE = {"float64": 1e-12, "float32": 1e-5}
 
 def strains(positions, lattice):
     """Strain of every link between neighbours, along rows and up columns."""
-    along, up, _ = lattice.steps
+    along, up, _ = lattice.spacings
     lengths = [np.linalg.norm(np.diff(positions, axis=axis), axis=-1) for axis in (-2, -3)]
     return np.concatenate([(length / rest - 1).ravel() for length, rest in zip(lengths, (along, up), strict=True)])
 
@@ -101,11 +102,56 @@ def test_what_the_mast_makes_impossible_is_finite_and_as_short_as_it_can_be():
     pose = sim.positions[0]
     pose[..., 0] *= 1.5
     sim.set_positions(pose)
-    for _ in range(100):
+    with pytest.warns(RuntimeWarning, match="StrainLimit does not hold: 1 steps"):
+        sim.step(1)
+    for step in range(1, 100):  # and no second warning
+        assert sim.strain_limit_misses[0] == step
         sim.step(1)
         assert 0.5 - 1e-9 <= largest(sim) < 0.56
     assert np.linalg.norm(sim.velocities, axis=-1).max() < 1
     assert np.abs(sim.positions[0, ..., 1:]).max() < 0.1
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize(("rows", "cols"), [(1, 24), (10, 16)])
+def test_it_holds_between_two_fast_pins(rows, cols, dtype):
+    """A rope, and a cloth hung up by two corners, whipped to and fro: thirty turns of rows and columns would leave 9 and 26 %."""
+    lattice = Lattice(1, rows, cols, 0.05, 1e-3, pinned=(0, cols - 1))
+    links = Structural(20.0, 0.002), Shear(5.0, 0.002)
+    sim = Simulator(Scene(lattice, (Gravity(), *links, StrainLimit(0.05)), dtype=dtype))
+    pose = sim.positions
+    pose[..., 0] *= 0.8
+    sim.set_positions(pose)
+    worst = 0.0
+    for turn in range(300):
+        sim.set_mast((0.3 * np.sin(0.4 * turn), 0.3 * np.cos(0.3 * turn) - 0.3, 0.0), yaw=0.8 * np.sin(0.5 * turn))
+        for _ in range(4):
+            sim.step()
+            worst = max(worst, largest(sim))
+    assert 0.0499 < worst <= most(0.05, dtype)
+    assert sim.strain_limit_misses == [0]
+
+
+def test_misses_are_those_that_an_outside_check_counts():
+    """Few iterations, several copies, one call of many steps or one by one."""
+    scene = presets.flag(8, 12, stiffness=10.0).adding(STRONG, StrainLimit(0.0, iterations=1))
+    counts = np.zeros(2, int)
+    sim = Simulator(scene, copies=2)
+    sim.set_wind(mean=[[0.0, 0.0, 0.0], [0.05, 0.01, 0.0]])
+    with warnings.catch_warnings(record=True, action="always") as seen:
+        for _ in range(200):
+            sim.step()
+            counts += [strains(x, scene.lattice).max() > TOLERANCE for x in sim.positions]
+    assert [str(warning.message)[:28] for warning in seen] == ["StrainLimit does not hold: 1"]
+    np.testing.assert_array_equal(sim.strain_limit_misses, counts)
+    assert counts.all()
+    other = Simulator(scene, copies=2)
+    other.set_wind(mean=[[0.0, 0.0, 0.0], [0.05, 0.01, 0.0]])
+    frame = other.frame()
+    with pytest.warns(RuntimeWarning, match="StrainLimit does not hold"):
+        other.step_into(200, frame)
+    np.testing.assert_array_equal(other.strain_limit_misses, counts)
+    np.testing.assert_array_equal(Simulator(presets.flag(4, 5), copies=3).strain_limit_misses, 0)
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

@@ -11,7 +11,7 @@ import time
 import pytest
 
 from flag_env.physics import Simulator, presets
-from flag_env.physics.threads import Threads
+from flag_env.physics.runtime.threads import Threads
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])

@@ -6,14 +6,14 @@ Parameters: rate c [1/s], the rate at which a particle left alone slows down.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics import validate
-from flag_env.physics.effects.base import Effect, Setting
-from flag_env.physics.jit import jit, kernel
+from flag_env import _validate
+from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.effects.base import BindContext, Effect, LinearBound
 from flag_env.physics.lattice import Lattice
 
 
@@ -23,17 +23,17 @@ def _brake(f, v, drag, n):
         f[t] -= drag[t] * v[t]
 
 
-class BoundAirDrag(NamedTuple):
+class AirDragData(NamedTuple):
     """`drag` (particles,) [N s/m]."""
 
     drag: NDArray[Any]
 
     @staticmethod
     @jit
-    def force(bound, copy, x, v, f, scratch, lag):
+    def force(data, copy, x, v, f, effect_work, lag):
         """Subtract the drag."""
         for d in range(f.shape[0]):
-            _brake(f[d], v[d], bound.drag, f.shape[1])
+            _brake(f[d], v[d], data.drag, f.shape[1])
 
 
 @dataclass(frozen=True)
@@ -46,17 +46,25 @@ class AirDrag(Effect):
         Decay rate of a free particle's velocity [1/s], >= 0.
     """
 
-    lasting: ClassVar[bool] = True
-
     rate: float = 1.5
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "rate", validate.number("rate", self.rate, minimum=0.0))
+        super().__post_init__()
+        object.__setattr__(self, "rate", _validate.number("rate", self.rate, minimum=0.0))
 
     def drag(self, lattice: Lattice) -> NDArray[np.float64]:
         """Damping of each particle [N s/m], shape (particles,)."""
         return self.rate * lattice.masses
 
-    def bind(self, setting: Setting) -> BoundAirDrag:
+    def linear_bound(self, lattice: Lattice) -> LinearBound:
+        """The drag, which acts along every direction."""
+        return LinearBound(drag=self.drag(lattice), isotropic=True)
+
+    def coarsened(self, share: float) -> AirDrag:
+        """A rate is the same for any particles."""
+        del share
+        return self
+
+    def bind(self, context: BindContext) -> AirDragData:
         """The particles' damping in the scene's dtype."""
-        return BoundAirDrag(self.drag(setting.lattice).astype(setting.dtype))
+        return AirDragData(self.drag(context.lattice).astype(context.dtype))

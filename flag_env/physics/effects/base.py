@@ -1,18 +1,43 @@
-"""What every effect offers; see `flag_env.physics.compose` for the compiled half."""
+"""What every effect offers; `flag_env.physics.compiling` tells of the compiled half."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics.lattice import Family, Lattice
+from flag_env.physics.lattice import Direction, Family, Lattice
+
+Key = tuple[type["Effect"], str | None]
+"""What tells the effects of a scene apart: their kind and their name."""
 
 
-class Setting(NamedTuple):
-    """What an effect is bound to.
+class LinkGroup(NamedTuple):
+    """The links of one effect in a run. Effects that break links, or ask which hold, are handed those of all effects.
+
+    Attributes
+    ----------
+    key
+        The effect that the links belong to.
+    directions
+        Direction of each family.
+    families
+        The families, one for each direction.
+    weight : (1 or copies, families, particles)
+        Factor of each link, by its first particle; zero where there is none, or where it is broken. One row of families serves
+        all copies, unless links can break. In the scene's dtype.
+    """
+
+    key: Key
+    directions: tuple[Direction, ...]
+    families: tuple[Family, ...]
+    weight: NDArray[Any]
+
+
+class BindContext(NamedTuple):
+    """What an effect sees when it is bound to a run.
 
     Attributes
     ----------
@@ -26,8 +51,10 @@ class Setting(NamedTuple):
         [s].
     seed
         Of random effects; copy i draws from the stream (seed, i).
-    bound
-        The effects bound before this one, by their class; those with `binds_last` see all the others.
+    links
+        The links of all effects of the scene.
+    breaks
+        Whether an effect of the scene may break links.
     """
 
     lattice: Lattice
@@ -35,11 +62,12 @@ class Setting(NamedTuple):
     copies: int
     timestep: float
     seed: int
-    bound: dict[type[Effect], Any]
+    links: tuple[LinkGroup, ...] = ()
+    breaks: bool = False
 
 
 class LinkTerm(NamedTuple):
-    """What one family of links adds to a scene's stiffness and damping, for the step limit.
+    """What one family of links adds to a scene's stiffness and damping at most.
 
     Attributes
     ----------
@@ -59,55 +87,106 @@ class LinkTerm(NamedTuple):
     isotropic: bool = False
 
 
+class LinearBound(NamedTuple):
+    """What an effect adds to a scene's stiffness and damping at most, in every pose: all that a step limit needs to know of it.
+
+    Attributes
+    ----------
+    links
+        Stiffness and damping between particles, by families of links.
+    stiffness : (particles,) or None
+        Stiffness of each particle against a fixed point, an anchor [N/m]; None: none.
+    drag : (particles,) or None
+        Damping of each particle against something at rest [N s/m]; None: none.
+    isotropic
+        Whether `drag` acts along every direction at every velocity, not only at most.
+    """
+
+    links: tuple[LinkTerm, ...] = ()
+    stiffness: NDArray[np.float64] | None = None
+    drag: NDArray[np.float64] | None = None
+    isotropic: bool = False
+
+
 @dataclass(frozen=True)
 class Effect:
     """Description of one physical effect: immutable, hashable, picklable; knows nothing of a run.
 
+    Parameters
+    ----------
+    name
+        Tells several effects of one kind in a scene apart; keyword only. None where there is one.
+
     Attributes
     ----------
-    binds_last
-        Whether it acts on the arrays of other effects, and so is bound after them.
     rank
         A scene holds its effects by rank, those of one rank as given: who moves particles last has the last word.
     breaks
         Whether it may break links while a scene runs, which then lose their stiffness and their damping.
-    lasting
-        Whether its `drag` acts along every direction at every velocity, not only at most.
+    wind_unit
+        Unit of its wind's mean and amplitude: "N", a force on every particle, or "m/s", a velocity of the air; its data then has
+        a `Swing` called `wind`. None: it has no wind.
     """
 
-    binds_last: ClassVar[bool] = False
-    breaks: ClassVar[bool] = False
-    lasting: ClassVar[bool] = False
     rank: ClassVar[int] = 0
+    breaks: ClassVar[bool] = False
+    wind_unit: ClassVar[str | None] = None
+
+    _: KW_ONLY
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.name is not None and not (isinstance(self.name, str) and self.name.isidentifier()):
+            raise ValueError(f"name must be None or letters, digits and underscores, such as 'halyard', got {self.name!r}")
+
+    @property
+    def key(self) -> Key:
+        """Kind and name; no two effects of a scene share them."""
+        return type(self), self.name
+
+    @property
+    def label(self) -> str:
+        """Kind and name, as errors and tables show them: "Gravity", or "Attachment 'halyard'"."""
+        return type(self).__name__ + (f" {self.name!r}" if self.name else "")
 
     def check(self, lattice: Lattice) -> None:
         """Raise ValueError if the effect makes no sense on the lattice."""
 
-    def bind(self, setting: Setting) -> Any:
-        """Arrays and typed scalars for the compiled step, as a NamedTuple whose type carries the kernels."""
-        raise NotImplementedError(f"{type(self).__name__} must define bind(setting)")
+    def check_wind(self, mean: NDArray[np.float64], amplitude: NDArray[np.float64]) -> None:
+        """Raise ValueError if the effect's wind must not have this mean and amplitude (..., 3), in its unit."""
+
+    def bind(self, context: BindContext) -> Any:
+        """Arrays and typed scalars for the compiled step, as a NamedTuple whose type carries the hooks."""
+        raise NotImplementedError(f"{type(self).__name__} must define bind(self, context)")
+
+    def linear_bound(self, lattice: Lattice) -> LinearBound:
+        """Upper bounds of the stiffness and the damping that the effect adds, in every pose; `LinearBound()` if it adds none."""
+        raise NotImplementedError(f"{type(self).__name__} must define linear_bound(self, lattice)")
 
     @property
     def smooth(self) -> bool:
         """Whether its force is a function of pose, motion and time that leaves integrators their order of accuracy."""
         return True
 
-    def link_terms(self, lattice: Lattice) -> tuple[LinkTerm, ...]:
-        """Bounds of the effect's link stiffness and damping; empty for effects without links."""
-        del lattice
-        return ()
-
-    def drag(self, lattice: Lattice) -> NDArray[np.float64] | None:
-        """Upper bound of each particle's damping against still air [N s/m], shape (particles,), or None."""
+    def link_weights(self, lattice: Lattice) -> dict[Direction, tuple[Family, NDArray[np.float64]]] | None:
+        """Families of the effect's links by direction, each with its links' factors (particles - offset,); None without links."""
         del lattice
         return None
 
-    def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Potential energy [J], shape (copies,), for positions (copies, particles, 3) [m]; None unless conservative."""
-        del lattice, positions
+    def energy(self, lattice: Lattice, positions: NDArray[np.float64], data: Any = None) -> NDArray[np.float64] | None:
+        """Potential energy [J], shape (copies,), for positions (copies, particles, 3) [m]; None unless conservative.
+
+        `data` is what `bind` returned, for what has changed during a run, such as broken links; None: nothing has.
+        """
+        del lattice, positions, data
         return None
 
     def scaled(self, stiffness: float, viscosity: float) -> Effect:
         """The same effect with its stiffness and viscosity multiplied; unchanged where it has none."""
         del stiffness, viscosity
         return self
+
+    def coarsened(self, share: float) -> Effect | None:
+        """The effect on the same cloth made of this share of the particles; None where that is not the same effect."""
+        del share
+        return None

@@ -5,15 +5,16 @@ Parameters: amplitude a [N], frequency f [rad/s], mean c [N], phase p [rad] at t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics.effects.base import Setting
-from flag_env.physics.effects.wind import Swing, Wind, swing_on, swing_value
-from flag_env.physics.jit import jit, kernel
+from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.effects.base import BindContext, LinearBound
+from flag_env.physics.effects.wind import Swing, Wind, advance_phase, swing_value
+from flag_env.physics.lattice import Lattice
 
 
 @kernel
@@ -22,7 +23,7 @@ def _add_constant(f, value, n):
         f[t] += value
 
 
-class BoundCosineWind(NamedTuple):
+class CosineWindData(NamedTuple):
     """`axes` of the scene's coordinates, and the wind [N]."""
 
     axes: NDArray[np.int64]
@@ -35,17 +36,17 @@ class BoundCosineWind(NamedTuple):
 
     @staticmethod
     @jit
-    def force(bound, copy, x, v, f, scratch, lag):
+    def force(data, copy, x, v, f, effect_work, lag):
         """Add the wind of the moment `lag` seconds on."""
         for d in range(f.shape[0]):
-            wind = swing_value(bound.wind, copy, bound.axes[d], lag)
+            wind = swing_value(data.wind, copy, data.axes[d], lag)
             _add_constant(f[d], f.dtype.type(wind), f.shape[1])
 
     @staticmethod
     @jit
-    def advance(bound, copy, seconds):
+    def advance(data, copy, seconds):
         """Move the phase on."""
-        swing_on(bound.wind, copy, seconds)
+        advance_phase(data.wind, copy, seconds)
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,16 @@ class CosineWind(Wind):
     mean: tuple[float, ...] = (0.0, 0.0, 0.0)
     phase: tuple[float, ...] = (0.0, 0.0, 0.0)
 
-    def bind(self, setting: Setting) -> BoundCosineWind:
+    def linear_bound(self, lattice: Lattice) -> LinearBound:
+        """A force that depends on time alone adds nothing."""
+        del lattice
+        return LinearBound()
+
+    def coarsened(self, share: float) -> CosineWind:
+        """Fewer particles, each with a larger force."""
+        mean, amplitude = (tuple(1.0 / share * entry for entry in value) for value in (self.mean, self.amplitude))
+        return replace(self, mean=mean, amplitude=amplitude)
+
+    def bind(self, context: BindContext) -> CosineWindData:
         """Axes, and one row of the wind for each copy."""
-        return BoundCosineWind(np.array(setting.lattice.axes), self.swing(setting.copies))
+        return CosineWindData(np.array(context.lattice.axes), self.swing(context.copies))

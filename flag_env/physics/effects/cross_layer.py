@@ -10,15 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flag_env.physics.effects.springs import LinkEffect
-from flag_env.physics.lattice import Step
+from flag_env.physics.effects.links import LinkEffect
+from flag_env.physics.lattice import Direction
 
 
 @dataclass(frozen=True)
 class CrossLayer(LinkEffect):
     """Springs and dampers between neighbouring layers; parameters as in `LinkEffect`."""
 
-    steps: ClassVar[tuple[Step, ...]] = ((1, 0, 0), (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1))
+    directions: ClassVar[tuple[Direction, ...]] = ((1, 0, 0), (1, 1, 1), (1, 1, -1), (1, -1, 1), (1, -1, -1))
 
     stiffness: float = 250.0
     viscosity: float = 0.05

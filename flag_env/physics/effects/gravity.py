@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics import validate
-from flag_env.physics.effects.base import Effect, Setting
-from flag_env.physics.jit import jit, kernel
+from flag_env import _validate
+from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.effects.base import BindContext, Effect, LinearBound
 from flag_env.physics.lattice import Lattice
 
 
@@ -24,16 +24,16 @@ def _subtract(f, weight, n):
         f[t] -= weight[t]
 
 
-class BoundGravity(NamedTuple):
+class GravityData(NamedTuple):
     """`weight` (particles,) [N]."""
 
     weight: NDArray[Any]
 
     @staticmethod
     @jit
-    def force(bound, copy, x, v, f, scratch, lag):
+    def force(data, copy, x, v, f, effect_work, lag):
         """Subtract the weight from the last coordinate, z."""
-        _subtract(f[f.shape[0] - 1], bound.weight, f.shape[1])
+        _subtract(f[f.shape[0] - 1], data.weight, f.shape[1])
 
 
 @dataclass(frozen=True)
@@ -52,18 +52,30 @@ class Gravity(Effect):
     tapered: bool = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "acceleration", validate.number("acceleration", self.acceleration))
-        object.__setattr__(self, "tapered", validate.boolean("tapered", self.tapered))
+        super().__post_init__()
+        object.__setattr__(self, "acceleration", _validate.number("acceleration", self.acceleration))
+        object.__setattr__(self, "tapered", _validate.boolean("tapered", self.tapered))
 
     def weight(self, lattice: Lattice) -> NDArray[np.float64]:
         """Downward force on each particle [N], shape (particles,)."""
         masses = lattice.masses if self.tapered else np.full(lattice.size, lattice.mass)
         return self.acceleration * masses
 
-    def bind(self, setting: Setting) -> BoundGravity:
+    def bind(self, context: BindContext) -> GravityData:
         """The particles' weights in the scene's dtype."""
-        return BoundGravity(self.weight(setting.lattice).astype(setting.dtype))
+        return GravityData(self.weight(context.lattice).astype(context.dtype))
 
-    def energy(self, lattice: Lattice, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def linear_bound(self, lattice: Lattice) -> LinearBound:
+        """A constant force adds nothing."""
+        del lattice
+        return LinearBound()
+
+    def coarsened(self, share: float) -> Gravity:
+        """An acceleration is the same for any particles."""
+        del share
+        return self
+
+    def energy(self, lattice: Lattice, positions: NDArray[np.float64], data: Any = None) -> NDArray[np.float64]:
         """Sum of m g z over the free particles [J], shape (copies,)."""
+        del data
         return positions[:, :, 2] @ np.where(lattice.fixed, 0.0, self.weight(lattice))

@@ -28,18 +28,22 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics import validate
-from flag_env.physics.effects.base import Setting
-from flag_env.physics.effects.turbulence import Turbulence, advance_turbulence, filter_coefficients, stationary_past
-from flag_env.physics.effects.wind import Swing, Wind, swing_on, swing_value
-from flag_env.physics.jit import jit, kernel
+from flag_env import _validate
+from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.effects.base import BindContext, LinearBound
+from flag_env.physics.effects.wind import (
+    Swing,
+    Turbulence,
+    Wind,
+    advance_phase,
+    advance_turbulence,
+    filter_coefficients,
+    swing_value,
+)
 from flag_env.physics.lattice import Lattice
 
 FOOT = 0.3048
 """[m]."""
-
-_STREAM = 0x67757374
-"""Keeps the gusts' stream apart from the one that a copy's start is drawn from."""
 
 
 @jit
@@ -73,7 +77,7 @@ def _push(f, rate, air, n):
         f[t] += rate[t] * air[t]
 
 
-class BoundGusts(NamedTuple):
+class GustsData(NamedTuple):
     """A smooth wind and its turbulence.
 
     Attributes
@@ -98,22 +102,26 @@ class BoundGusts(NamedTuple):
         """Fields that a run changes."""
         return "wind", "turbulence"
 
-    @staticmethod
-    @jit
-    def force(bound, copy, x, v, f, scratch, lag):
-        """Add rate times mass times the air's velocity, column by column."""
-        cols = len(bound.turbulence.delay)
-        for d in range(f.shape[0]):
-            air_of_columns(bound.wind, bound.turbulence, copy, bound.axes[d], lag, scratch[0])
-            for first in range(0, f.shape[1], cols):
-                _push(f[d, first:], bound.push[first:], scratch[0], cols)
+    def reseed(self, copy: int, seed: int) -> None:
+        """Let the turbulence of a copy start anew from a seed."""
+        self.turbulence.restart(copy, seed)
 
     @staticmethod
     @jit
-    def advance(bound, copy, seconds):
+    def force(data, copy, x, v, f, effect_work, lag):
+        """Add rate times mass times the air's velocity, column by column."""
+        cols = len(data.turbulence.delay)
+        for d in range(f.shape[0]):
+            air_of_columns(data.wind, data.turbulence, copy, data.axes[d], lag, effect_work[0])
+            for first in range(0, f.shape[1], cols):
+                _push(f[d, first:], data.push[first:], effect_work[0], cols)
+
+    @staticmethod
+    @jit
+    def advance(data, copy, seconds):
         """Move the phase on and draw the next step's turbulence."""
-        swing_on(bound.wind, copy, seconds)
-        advance_turbulence(bound.turbulence, copy)
+        advance_phase(data.wind, copy, seconds)
+        advance_turbulence(data.turbulence, copy)
 
 
 @dataclass(frozen=True)
@@ -139,7 +147,7 @@ class Gusts(Wind):
         Of a swinging part, as in `CosineWind`: (x, y, z) [m/s], [rad/s], [rad].
     """
 
-    unit: ClassVar[str] = "m/s"
+    wind_unit: ClassVar[str | None] = "m/s"
 
     intensity: float | tuple[float, ...] = 1.0
     scale: float | tuple[float, ...] = 5.0
@@ -152,16 +160,17 @@ class Gusts(Wind):
     phase: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("intensity", "scale"):
             value = getattr(self, name)
-            triple = validate.vector(name, (value,) * 3 if np.ndim(value) == 0 else value)
+            several = isinstance(value, (tuple, list)) or np.ndim(value) > 0
+            triple = _validate.vector(name, value if several else (value,) * 3)
             if min(triple) < 0 or (name == "scale" and min(triple) == 0):
                 raise ValueError(f"{name} must be {'> 0' if name == 'scale' else '>= 0'} along every axis, got {value!r}")
             object.__setattr__(self, name, triple)
-        super().__post_init__()
-        object.__setattr__(self, "speed", validate.number("speed", self.speed, above=0.0))
-        object.__setattr__(self, "rate", validate.number("rate", self.rate, minimum=0.0))
-        validate.choice("spectrum", self.spectrum, ("dryden", "ou"))
+        object.__setattr__(self, "speed", _validate.number("speed", self.speed, above=0.0))
+        object.__setattr__(self, "rate", _validate.number("rate", self.rate, minimum=0.0))
+        _validate.choice("spectrum", self.spectrum, ("dryden", "ou"))
 
     @property
     def smooth(self) -> bool:
@@ -184,8 +193,8 @@ class Gusts(Wind):
         rate
             As for `Gusts`.
         """
-        feet = validate.number("height", height, minimum=10 * FOOT, maximum=1000 * FOOT) / FOOT
-        wind = validate.number("wind", wind, above=0.0)
+        feet = _validate.number("height", height, minimum=10 * FOOT, maximum=1000 * FOOT) / FOOT
+        wind = _validate.number("wind", wind, above=0.0)
         ratio = 0.177 + 0.000823 * feet
         vertical, level = 0.1 * wind, 0.1 * wind / ratio**0.4
         long, tall = feet / ratio**1.2 * FOOT, feet * FOOT
@@ -197,10 +206,10 @@ class Gusts(Wind):
         if lattice.dimensions == 1:
             raise ValueError(f"{type(self).__name__} needs a lattice of dimensions 2 or 3, got 1")
 
-    def turbulence(self, setting: Setting) -> Turbulence:
+    def turbulence(self, context: BindContext) -> Turbulence:
         """The turbulence of every copy as if it had blown for ever: filters, their states and the mast's past."""
-        lattice, h = setting.lattice, setting.timestep
-        delay = np.arange(lattice.cols) * lattice.steps[0] / (self.speed * h)
+        lattice, h = context.lattice, context.timestep
+        delay = np.arange(lattice.cols) * lattice.spacings[0] / (self.speed * h)
         coefficients = np.stack(
             [
                 filter_coefficients(h * self.speed / length, self.spectrum == "dryden" and axis > 0, sigma)
@@ -208,21 +217,26 @@ class Gusts(Wind):
             ]
         )
         length = math.ceil(delay[-1]) + 3
-        level, history = np.empty((setting.copies, 3, 2)), np.empty((setting.copies, 3, length))
-        generator = np.empty((setting.copies, 1), np.uint64)
-        for copy in range(setting.copies):
-            random = np.random.default_rng((setting.seed, copy, _STREAM))
-            generator[copy] = random.integers(2**64, dtype=np.uint64)
-            for axis in range(3):
-                past = stationary_past(coefficients[axis], random.standard_normal((2, length)))
-                level[copy, axis] = past[:, -1]
-                history[copy, axis] = coefficients[axis, 6:] @ past
-        number = setting.dtype.type
-        rows = np.tile(coefficients, (setting.copies, 1, 1))
-        head = np.full((setting.copies, 1), length - 1, np.int64)
-        return Turbulence(delay.astype(setting.dtype), number(1.0 / h), rows, level, history, head, generator)
+        copies, number = context.copies, context.dtype.type
+        turbulence = Turbulence(
+            delay=delay.astype(context.dtype),
+            per_second=number(1.0 / h),
+            filter=np.tile(coefficients, (copies, 1, 1)),
+            level=np.empty((copies, 3, 2)),
+            history=np.empty((copies, 3, length)),
+            head=np.empty((copies, 1), np.int64),
+            generator=np.empty((copies, 1), np.uint64),
+        )
+        for copy in range(copies):
+            turbulence.restart(copy, context.seed, copy)
+        return turbulence
 
-    def bind(self, setting: Setting) -> BoundGusts:
+    def linear_bound(self, lattice: Lattice) -> LinearBound:
+        """A force that depends on time alone adds nothing."""
+        del lattice
+        return LinearBound()
+
+    def bind(self, context: BindContext) -> GustsData:
         """Air and turbulence in float64, forces in the scene's dtype."""
-        push = (self.rate * setting.lattice.masses).astype(setting.dtype)
-        return BoundGusts(np.array(setting.lattice.axes), push, self.swing(setting.copies), self.turbulence(setting))
+        push = (self.rate * context.lattice.masses).astype(context.dtype)
+        return GustsData(np.array(context.lattice.axes), push, self.swing(context.copies), self.turbulence(context))

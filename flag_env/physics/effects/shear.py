@@ -9,15 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flag_env.physics.effects.springs import LinkEffect
-from flag_env.physics.lattice import Step
+from flag_env.physics.effects.links import LinkEffect
+from flag_env.physics.lattice import Direction
 
 
 @dataclass(frozen=True)
 class Shear(LinkEffect):
     """Springs and dampers along the face diagonals; parameters as in `LinkEffect`."""
 
-    steps: ClassVar[tuple[Step, ...]] = ((0, 1, 1), (0, 1, -1))
+    directions: ClassVar[tuple[Direction, ...]] = ((0, 1, 1), (0, 1, -1))
 
     stiffness: float = 250.0
     viscosity: float = 0.05
+
+    def coarsened(self, share: float) -> Shear:
+        """Springs per link stay: as many cross a width of cloth, each for a wider strip, and are longer."""
+        del share
+        return self

@@ -15,7 +15,7 @@ are solved at once. On one line, with n_i the links' directions, c_i = d_i - L, 
 
 which is tridiagonal. T is an M-matrix, so that dropping slack links with p < 0 ends with all p >= 0; leaving out its positive
 elements (folds) keeps 2 T - J W J' semi-definite, so that no turn moves the pose away from any admissible one. Rows and columns
-take turns until no link is longer than L (1 + TOLERANCE), at most `iterations` times.
+take turns until no link is longer than L (1 + TOLERANCE), at most `iterations` times; a step after which one is, is counted.
 
 A pose that is beyond the limit before a step (as placed by hand) is shortened first, without a change of velocity. Where the
 mast makes the limit impossible, as two pinned ends too far apart do, the links stay longer, the lightest most, and the result is
@@ -36,18 +36,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics import validate
-from flag_env.physics.effects.base import Effect, Setting
-from flag_env.physics.effects.strain_lines import shorten
-from flag_env.physics.effects.structural import Structural
-from flag_env.physics.jit import jit
-from flag_env.physics.lattice import Lattice
+from flag_env import _validate
+from flag_env.physics.compiling import jit
+from flag_env.physics.effects.base import BindContext, Effect, LinearBound
+from flag_env.physics.effects.strain import holds, shorten
+from flag_env.physics.lattice import SIDES, Family, Lattice
 
 TOLERANCE = 1e-3
 """Excess over the longest length, relative to it, that is left."""
 
 
-class BoundStrainLimit(NamedTuple):
+class StrainLimitData(NamedTuple):
     """Limits and lines of the families along rows and up columns.
 
     Attributes
@@ -68,6 +67,8 @@ class BoundStrainLimit(NamedTuple):
         Relative excess that is left.
     iterations
         Most turns of rows and columns.
+    missed : (copies,)
+        Number of steps after which a link was left longer.
     work : (copies, 4, particles)
         Room for the links of one family.
     """
@@ -81,28 +82,32 @@ class BoundStrainLimit(NamedTuple):
     large: Any
     tolerance: Any
     iterations: int
+    missed: NDArray[np.int64]
     work: NDArray[Any]
 
     @staticmethod
     @jit
-    def project(bound, copy, x, v, scratch, inverse_mass, seconds):
+    def project(data, copy, x, v, effect_work, inverse_mass, seconds):
         """Shorten what was too long before the step, without a change of velocity, then what the step made too long.
 
         Of the latter every excess at first, then what is beyond the tolerance; rows and columns in turn.
         """
         number = x.dtype.type
-        weight = bound.weight[copy % bound.weight.shape[0]]
-        lag, rate, slack = number(seconds), number(0), bound.tolerance
+        weight = data.weight[copy % data.weight.shape[0]]
+        lag, rate, slack = number(seconds), number(0), data.tolerance
+        busy = False
         for _ in range(2):
-            for _ in range(bound.iterations):
+            for _ in range(data.iterations):
                 busy = False
-                for j in range(bound.offset.shape[0]):
-                    if shorten(bound, j, bound.work[copy], x, v, lag, rate, weight[j], scratch, inverse_mass, slack):
+                for j in range(data.offset.shape[0]):
+                    if shorten(data, j, data.work[copy], x, v, lag, rate, weight[j], effect_work, inverse_mass, slack):
                         busy = True
                 if not busy:
                     break
-                slack = bound.tolerance
+                slack = data.tolerance
             lag, rate, slack = number(0), number(1 / seconds), number(0)
+        if busy and not holds(data, x, v, weight, inverse_mass, data.work[copy]):
+            data.missed[copy] += 1
 
 
 @dataclass(frozen=True)
@@ -114,15 +119,17 @@ class StrainLimit(Effect):
     stretch
         Largest strain s of a link, >= 0; infinite: no limit.
     iterations
-        Most turns of rows and columns in a step; it stops as soon as the limit holds to one part in a thousand.
+        Most turns of rows and columns in a step; it stops as soon as the limit holds to one part in a thousand, mostly after
+        less than ten. Steps that need more are counted by `Simulator.strain_limit_misses`, and the first of them warns.
     """
 
     stretch: float = 0.1
-    iterations: int = 30
+    iterations: int = 1000
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stretch", validate.number("stretch", self.stretch, minimum=0.0, infinite=True))
-        object.__setattr__(self, "iterations", validate.count("iterations", self.iterations))
+        super().__post_init__()
+        object.__setattr__(self, "stretch", _validate.number("stretch", self.stretch, minimum=0.0, infinite=True))
+        object.__setattr__(self, "iterations", _validate.count("iterations", self.iterations))
 
     @property
     def smooth(self) -> bool:
@@ -131,24 +138,38 @@ class StrainLimit(Effect):
 
     def limits(self, lattice: Lattice) -> NDArray[np.float64]:
         """Longest length in the scene's coordinates of a link of each structural family [m]."""
-        longest = np.array([(1 + self.stretch) * family.length for family in lattice.families(*Structural.steps)])
+        longest = np.array([(1 + self.stretch) * family.length for family in lattice.families(*SIDES)])
         if lattice.dimensions == 1:
             longest *= math.sqrt(1 - (1 + self.stretch) ** -2)
         return longest
 
-    def bind(self, setting: Setting) -> BoundStrainLimit:
-        """Limits in the scene's dtype, and the lines of links that are solved at once."""
-        lattice, dtype = setting.lattice, setting.dtype
-        numbers = np.arange(lattice.size).reshape(lattice.shape)
-        ends = {(0, 0, 1): numbers[:, :, 0].ravel(), (0, 1, 0): numbers[:, 0, :].ravel()}
-        lines = [(family, ends[step]) for step in Structural.steps for family in lattice.families(step)]
-        weight = np.zeros((1, len(lines), lattice.size), dtype)
-        start = np.zeros((len(lines), max((len(first) for _, first in lines), default=0)), np.int64)
-        for row, begin, (family, first) in zip(weight[0], start, lines, strict=True):
+    def linear_bound(self, lattice: Lattice) -> LinearBound:
+        """It moves particles after a step, and adds no force."""
+        del lattice
+        return LinearBound()
+
+    def _weight(self, context: BindContext, families: tuple[Family, ...]) -> NDArray[Any]:
+        """Weights of the structural links of the scene, which may break; where it has none, of links that never do."""
+        for group in context.links:
+            if set(SIDES) & set(group.directions):
+                return group.weight
+        weight = np.zeros((1, len(families), context.lattice.size), context.dtype)
+        for row, family in zip(weight[0], families, strict=True):
             row[: len(family.present)] = family.present
+        return weight
+
+    def bind(self, context: BindContext) -> StrainLimitData:
+        """Limits in the scene's dtype, and the lines of links that are solved at once."""
+        lattice, dtype = context.lattice, context.dtype
+        numbers = np.arange(lattice.size).reshape(lattice.shape)
+        ends = dict(zip(SIDES, (numbers[:, :, 0].ravel(), numbers[:, 0, :].ravel()), strict=True))
+        lines = [(family, ends[side]) for side in ends for family in lattice.families(side)]
+        weight = self._weight(context, tuple(family for family, _ in lines))
+        start = np.zeros((len(lines), max((len(first) for _, first in lines), default=0)), np.int64)
+        for begin, (_, first) in zip(start, lines, strict=True):
             begin[: len(first)] = first
         links = np.array([family.present.sum() // len(first) for family, first in lines], np.int64)
-        return BoundStrainLimit(
+        return StrainLimitData(
             np.array([family.offset for family, _ in lines], np.int64),
             self.limits(lattice).astype(dtype),
             weight,
@@ -158,5 +179,6 @@ class StrainLimit(Effect):
             dtype.type(0.1 * lattice.masses.min()),
             dtype.type(TOLERANCE),
             self.iterations,
-            np.zeros((setting.copies, 4, lattice.size), dtype),
+            np.zeros(context.copies, np.int64),
+            np.zeros((context.copies, 4, lattice.size), dtype),
         )

@@ -9,15 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from flag_env.physics.effects.springs import LinkEffect
-from flag_env.physics.lattice import Step
+from flag_env.physics.effects.links import LinkEffect
+from flag_env.physics.lattice import Direction
 
 
 @dataclass(frozen=True)
 class Structural(LinkEffect):
     """Springs and dampers between direct neighbours; parameters as in `LinkEffect`."""
 
-    steps: ClassVar[tuple[Step, ...]] = ((0, 0, 1), (0, 1, 0))
+    directions: ClassVar[tuple[Direction, ...]] = ((0, 0, 1), (0, 1, 0))
 
     stiffness: float = 500.0
     viscosity: float = 0.1
+
+    def coarsened(self, share: float) -> Structural:
+        """Springs per link stay: as many cross a width of cloth, each for a wider strip, and are longer."""
+        del share
+        return self

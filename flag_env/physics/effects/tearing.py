@@ -9,8 +9,8 @@ cut. Links across layers break by their own strain alone. On a rope, in one dime
 line, sqrt(l^2 + (z_b - z_a)^2).
 
 A broken structural link is free of `StrainLimit` as well, which otherwise keeps links from the strain at which they would break
-if its stretch is the smaller of the two and it stands earlier among the scene's effects. Pressure of the air goes on acting on
-torn cells, and damping that an integrator has solved beforehand on broken links.
+if its stretch is the smaller of the two and it stands earlier among the scene's effects. A cell with a torn side feels no
+pressure of the air. Damping that an integrator has solved beforehand goes on acting on broken links.
 
 Parameters: strain [1]. Source: Terzopoulos and Fleischer, Modeling inelastic deformation: viscoelasticity, plasticity, fracture,
 SIGGRAPH 1988, section 5.
@@ -24,18 +24,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics import validate
-from flag_env.physics.effects.base import Effect, Setting
-from flag_env.physics.effects.bending import Bending
-from flag_env.physics.effects.cross_layer import CrossLayer
-from flag_env.physics.effects.shear import Shear
-from flag_env.physics.effects.springs import LinkEffect
-from flag_env.physics.effects.strain_limit import StrainLimit
-from flag_env.physics.effects.structural import Structural
-from flag_env.physics.jit import jit, kernel
-from flag_env.physics.lattice import Lattice, Step
-
-KINDS: tuple[type[LinkEffect], ...] = (Structural, Shear, Bending, CrossLayer)
+from flag_env import _validate
+from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.effects.base import BindContext, Effect, LinearBound
+from flag_env.physics.lattice import SIDES, Direction, Lattice
 
 
 @kernel
@@ -77,16 +69,16 @@ def _cut(square, weight, most, n):
 
 
 @jit
-def _tear(x, weight, offset, most, scratch):
+def _tear(x, weight, offset, most, effect_work):
     """Break the links of one effect in one copy that are too long; return how many."""
     broken = 0
     for j in range(weight.shape[0]):
         o = offset[j]
         n = x.shape[1] - o
-        _squared_lengths(x, o, scratch[0])
-        over = _count(scratch[0], weight[j], most[j], n)
+        _squared_lengths(x, o, effect_work[0])
+        over = _count(effect_work[0], weight[j], most[j], n)
         if over > 0:
-            _cut(scratch[0], weight[j], most[j], n)
+            _cut(effect_work[0], weight[j], most[j], n)
             broken += over
     return broken
 
@@ -94,7 +86,7 @@ def _tear(x, weight, offset, most, scratch):
 @jit
 def _sever(weight, structural, ways):
     """Break the links of one effect in one copy that no way over two structural links spans any more."""
-    for j in range(ways.shape[0]):
+    for j in range(weight.shape[0]):
         for t in range(weight.shape[1]):
             if weight[j, t] != 0:
                 whole = False
@@ -108,48 +100,51 @@ def _sever(weight, structural, ways):
                     weight[j, t] = 0
 
 
-class BoundTearing(NamedTuple):
+class TearingData(NamedTuple):
     """What holds in each copy, and what it may bear.
 
     Attributes
     ----------
-    structural, shear, bending, cross_layer : (copies, families, particles)
-        Weights that the effects of these names use, zero where broken; no families where the scene has no such effect.
-    offset : (4, families)
+    weights : one (copies, families, particles) for each effect with links
+        The weights that those effects use, zero where broken.
+    offset : (effects, families)
         Second particle of a link minus the first.
-    most : (4, families)
+    most : (effects, families)
         Squared length at which a link breaks [m^2].
-    shear_ways, bending_ways : (families, 2, 2, 2)
-        Two ways over two structural links each, as (family, first particle minus that of the link); no families where the scene
-        has no structural links.
+    structural
+        Which of the effects has the links of a cell's sides; -1 where none has.
+    spanned : (effects,)
+        Whether an effect's links go with the last way over structural links.
+    ways : (effects, families, 2, 2, 2)
+        Two ways over two structural links each, as (family, first particle minus that of the link).
     """
 
-    structural: NDArray[Any]
-    shear: NDArray[Any]
-    bending: NDArray[Any]
-    cross_layer: NDArray[Any]
+    weights: tuple[NDArray[Any], ...]
     offset: NDArray[np.int64]
     most: NDArray[Any]
-    shear_ways: NDArray[np.int64]
-    bending_ways: NDArray[np.int64]
+    structural: int
+    spanned: NDArray[np.bool_]
+    ways: NDArray[np.int64]
 
     @staticmethod
     def state() -> tuple[str, ...]:
         """Fields that a run changes."""
-        return "structural", "shear", "bending", "cross_layer"
+        return ("weights",)
 
     @staticmethod
     @jit
-    def project(bound, copy, x, v, scratch, inverse_mass, seconds):
+    def project(data, copy, x, v, effect_work, inverse_mass, seconds):
         """Break what is too long, and what that leaves without hold."""
-        structural, shear, bending = bound.structural[copy], bound.shear[copy], bound.bending[copy]
-        broken = _tear(x, structural, bound.offset[0], bound.most[0], scratch)
-        _tear(x, shear, bound.offset[1], bound.most[1], scratch)
-        _tear(x, bending, bound.offset[2], bound.most[2], scratch)
-        _tear(x, bound.cross_layer[copy], bound.offset[3], bound.most[3], scratch)
+        broken = 0
+        for group in range(len(data.weights)):
+            torn = _tear(x, data.weights[group][copy], data.offset[group], data.most[group], effect_work)
+            if group == data.structural:
+                broken = torn
         if broken > 0:
-            _sever(shear, structural, bound.shear_ways)
-            _sever(bending, structural, bound.bending_ways)
+            sides = data.weights[data.structural][copy]
+            for group in range(len(data.weights)):
+                if data.spanned[group]:
+                    _sever(data.weights[group][copy], sides, data.ways[group])
 
 
 @dataclass(frozen=True)
@@ -162,57 +157,53 @@ class Tearing(Effect):
         Of a link when it breaks, > 0; infinite: none breaks.
     """
 
-    binds_last: ClassVar[bool] = True
     breaks: ClassVar[bool] = True
 
     strain: float = 0.3
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "strain", validate.number("strain", self.strain, above=0.0, infinite=True))
+        super().__post_init__()
+        object.__setattr__(self, "strain", _validate.number("strain", self.strain, above=0.0, infinite=True))
 
     @property
     def smooth(self) -> bool:
         """A link breaks at the end of a step."""
         return False
 
-    def bind(self, setting: Setting) -> BoundTearing:
-        """Give every copy link weights of its own, in place of those that the effects share among copies."""
-        lattice, dtype, bound = setting.lattice, setting.dtype, setting.bound
-        offset, most = np.zeros((len(KINDS), 5), np.int64), np.zeros((len(KINDS), 5), dtype)
-        weights = []
-        for row, kind in enumerate(KINDS):
-            weight = np.zeros((setting.copies, 0, lattice.size), dtype)
-            if kind in bound:
-                weight = np.repeat(bound[kind].weight, setting.copies, axis=0)
-                bound[kind] = bound[kind]._replace(weight=weight)
-                for j, family in enumerate(lattice.families(*kind.steps)):
-                    offset[row, j] = family.offset
-                    # on a rope a link is as long as its displacement alone
-                    least = 1.0 if lattice.dimensions == 1 else 0.0
-                    most[row, j] = ((1 + self.strain) ** 2 - least) * family.length**2
-            weights.append(weight)
-        if StrainLimit in bound and Structural in bound:
-            bound[StrainLimit] = bound[StrainLimit]._replace(weight=weights[0])
-        shear_ways, bending_ways = (
-            _ways(lattice, kind.steps) if {Structural, kind} <= set(bound) else _NO_WAYS for kind in (Shear, Bending)
-        )
-        structural, shear, bending, cross_layer = weights
-        return BoundTearing(structural, shear, bending, cross_layer, offset, most, shear_ways, bending_ways)
+    def linear_bound(self, lattice: Lattice) -> LinearBound:
+        """It only takes links away."""
+        del lattice
+        return LinearBound()
+
+    def bind(self, context: BindContext) -> TearingData:
+        """What each link of the scene's other effects may bear."""
+        lattice, groups = context.lattice, context.links
+        families = max((len(group.families) for group in groups), default=0)
+        offset, most = np.zeros((len(groups), families), np.int64), np.zeros((len(groups), families), context.dtype)
+        ways, spanned = np.zeros((len(groups), families, 2, 2, 2), np.int64), np.zeros(len(groups), bool)
+        sides = [i for i, group in enumerate(groups) if set(group.directions) & set(SIDES)]
+        least = 1.0 if lattice.dimensions == 1 else 0.0  # on a rope a link is as long as its displacement alone
+        for i, group in enumerate(groups):
+            known = [_ways(lattice, direction) for direction in group.directions]
+            spanned[i] = bool(sides) and bool(known) and all(way is not None for way in known)
+            for j, (family, way) in enumerate(zip(group.families, known, strict=True)):
+                offset[i, j] = family.offset
+                most[i, j] = ((1 + self.strain) ** 2 - least) * family.length**2
+                if spanned[i] and way is not None:
+                    ways[i, j] = way
+        weights = tuple(group.weight for group in groups) or (np.zeros((context.copies, 0, lattice.size), context.dtype),)
+        if not groups:
+            offset, most, spanned = np.zeros((1, 0), np.int64), np.zeros((1, 0), context.dtype), np.zeros(1, bool)
+        return TearingData(weights, offset, most, sides[0] if sides else -1, spanned, ways)
 
 
-_NO_WAYS = np.zeros((0, 2, 2, 2), np.int64)
-
-
-def _ways(lattice: Lattice, steps: tuple[Step, ...]) -> NDArray[np.int64]:
-    """The two ways over two structural links between the ends of each family's links."""
-    along = 0
-    up = len(lattice.families(Structural.steps[0]))  # a lattice of one column has no links along rows
-    row = lattice.cols
-    ways = {
+def _ways(lattice: Lattice, direction: Direction) -> list[list[tuple[int, int]]] | None:
+    """The two ways over two structural links between the ends of a link in this direction; None where there are none."""
+    along, row = 0, lattice.cols
+    up = len(lattice.families(SIDES[0]))  # a lattice of one column has no links along rows
+    return {
         (0, 0, 2): 2 * [[(along, 0), (along, 1)]],
         (0, 2, 0): 2 * [[(up, 0), (up, row)]],
         (0, 1, 1): [[(along, 0), (up, 1)], [(up, 0), (along, row)]],
         (0, 1, -1): [[(along, -1), (up, -1)], [(up, 0), (along, row - 1)]],
-    }
-    present = [ways[step] for step in steps if lattice.families(step)]
-    return np.array(present, np.int64).reshape(-1, 2, 2, 2)
+    }.get(direction)

@@ -19,10 +19,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics.compose import forces
+from flag_env.physics.compiling import forces, jit, kernel
+from flag_env.physics.integrators._rows import copy_rows
 from flag_env.physics.integrators.base import Integrator, Spectrum
-from flag_env.physics.integrators.kernels import copy_rows
-from flag_env.physics.jit import jit, kernel
 
 
 @kernel
@@ -32,7 +31,7 @@ def _drift_kick(x, v, f, inverse_mass, h, n):
         v[t] += h * inverse_mass[t] * f[t]
 
 
-class BoundExplicitEuler(NamedTuple):
+class ExplicitEulerData(NamedTuple):
     """Timestep in the scene's dtype, and in float64 for the effects' own state [s]."""
 
     timestep: Any
@@ -40,20 +39,20 @@ class BoundExplicitEuler(NamedTuple):
 
     @staticmethod
     def rows() -> tuple[int, int]:
-        """Rows of memory and of work."""
+        """Rows of history and of work."""
         return 0, 0
 
     @staticmethod
     @jit
-    def step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def step(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Positions and velocities move on together, each by the other's old value."""
-        forces(effects, copy, x, v, f, scratch, 0.0)
+        forces(effects, copy, x, v, f, effect_work, 0.0)
         for d in range(x.shape[0]):
             _drift_kick(x[d], v[d], f[d], inverse_mass, method.timestep, x.shape[1])
 
     @staticmethod
     @jit
-    def velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def velocity(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """They are at the instant of the positions as they are."""
         copy_rows(f, v)
 
@@ -66,10 +65,10 @@ class ExplicitEuler(Integrator):
 
     def limit(self, spectrum: Spectrum) -> float:
         """Smaller of the largest h with h K <= Z and the root of the top eigenvalue of h M^-1 Z at 2 [s]."""
-        elastic = spectrum.damped_step(enough=2.0 * spectrum.sure_step(0.0, 1.0, 2.0))
-        return min(elastic, spectrum.largest_step(0.0, 1.0, 2.0, enough=elastic))
+        elastic = spectrum.damped_step(stop_above=2.0 * spectrum.guaranteed_step(0.0, 1.0, 2.0))
+        return min(elastic, spectrum.largest_step(0.0, 1.0, 2.0, stop_above=elastic))
 
-    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundExplicitEuler:
+    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> ExplicitEulerData:
         """Typed timestep."""
         del spectrum
-        return BoundExplicitEuler(dtype.type(timestep), float(timestep))
+        return ExplicitEulerData(dtype.type(timestep), float(timestep))

@@ -18,10 +18,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics import validate
-from flag_env.physics.compose import forces
+from flag_env import _validate
+from flag_env.physics.compiling import forces, jit, kernel
 from flag_env.physics.integrators.base import Integrator, Spectrum
-from flag_env.physics.jit import jit, kernel
 
 
 @kernel
@@ -43,7 +42,7 @@ def _half_kick_back(f, v, inverse_mass, half, n):
         v[t] -= half * inverse_mass[t] * f[t]
 
 
-class BoundLeapfrog(NamedTuple):
+class LeapfrogData(NamedTuple):
     """Timestep and half of it in the scene's dtype, and in float64 for the effects' own state [s]."""
 
     timestep: Any
@@ -52,34 +51,34 @@ class BoundLeapfrog(NamedTuple):
 
     @staticmethod
     def rows() -> tuple[int, int]:
-        """Rows of memory and of work."""
+        """Rows of history and of work."""
         return 0, 0
 
     @staticmethod
     @jit
-    def step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def step(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Kick, then drift."""
-        forces(effects, copy, x, v, f, scratch, 0.0)
+        forces(effects, copy, x, v, f, effect_work, 0.0)
         for d in range(x.shape[0]):
             _kick_drift(x[d], v[d], f[d], inverse_mass, method.timestep, x.shape[1])
 
     @staticmethod
     @jit
-    def velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def velocity(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Half a kick from the velocities half a step before."""
-        forces(effects, copy, x, v, f, scratch, 0.0)
+        forces(effects, copy, x, v, f, effect_work, 0.0)
         for d in range(x.shape[0]):
             _half_kick(f[d], v[d], inverse_mass, method.half, x.shape[1])
 
 
-class BoundVerlet(BoundLeapfrog):
+class VerletData(LeapfrogData):
     """The same, started with half a kick."""
 
     @staticmethod
     @jit
-    def start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def start(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Take the velocities half a step back."""
-        forces(effects, copy, x, v, f, scratch, 0.0)
+        forces(effects, copy, x, v, f, effect_work, 0.0)
         for d in range(x.shape[0]):
             _half_kick_back(f[d], v[d], inverse_mass, method.half, x.shape[1])
 
@@ -96,18 +95,19 @@ class Leapfrog(Integrator):
     """
 
     order: ClassVar[int] = 1
+    undamped_share: ClassVar[float] = 0.5
 
     start: str = "report"
 
     def __post_init__(self) -> None:
-        validate.choice("start", self.start, ("report", "half_kick"))
+        _validate.choice("start", self.start, ("report", "half_kick"))
 
     def limit(self, spectrum: Spectrum) -> float:
         """Root of the top eigenvalue of M^-1 (h^2 K + 2 h Z) at 4 [s]."""
         return spectrum.largest_step(1.0, 2.0, 4.0)
 
-    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundLeapfrog:
+    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> LeapfrogData:
         """Typed timesteps."""
         del spectrum
-        bound = BoundLeapfrog(dtype.type(timestep), dtype.type(0.5 * timestep), float(timestep))
-        return bound if self.start == "report" else BoundVerlet(*bound)
+        data = LeapfrogData(dtype.type(timestep), dtype.type(0.5 * timestep), float(timestep))
+        return data if self.start == "report" else VerletData(*data)

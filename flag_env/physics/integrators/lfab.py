@@ -20,9 +20,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics.compose import forces
+from flag_env.physics.compiling import forces, jit, kernel
 from flag_env.physics.integrators.base import Integrator, Spectrum
-from flag_env.physics.jit import jit, kernel
 
 
 @kernel
@@ -53,7 +52,7 @@ def _go_back(v, last, f, inverse_mass, half, h, n):
         last[t] = v[t] - h * inverse_mass[t] * f[t]
 
 
-class BoundLFAB(NamedTuple):
+class LFABData(NamedTuple):
     """Timestep, half of it and one half in the scene's dtype; the timestep in float64 for the effects' own state [s]."""
 
     timestep: Any
@@ -63,37 +62,37 @@ class BoundLFAB(NamedTuple):
 
     @staticmethod
     def rows() -> tuple[int, int]:
-        """Rows of memory, the velocity one and a half steps before the positions, and of work."""
+        """Rows of history, the velocity one and a half steps before the positions, and of work."""
         return 1, 1
 
     @staticmethod
     @jit
-    def start(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def start(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Take the velocities half a step back, and those remembered one and a half."""
-        forces(effects, copy, x, v, f, scratch, 0.0)
+        forces(effects, copy, x, v, f, effect_work, 0.0)
         for d in range(x.shape[0]):
-            _go_back(v[d], memory[0, d], f[d], inverse_mass, method.half, method.timestep, x.shape[1])
+            _go_back(v[d], history[0, d], f[d], inverse_mass, method.half, method.timestep, x.shape[1])
 
     @staticmethod
     @jit
-    def step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def step(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Kick by the force at the extrapolated velocities, which take the place of those remembered; then drift."""
         for d in range(x.shape[0]):
-            _extrapolate(memory[0, d], v[d], inverse_mass, method.one_half, x.shape[1])
-        forces(effects, copy, x, memory[0], f, scratch, 0.0)
+            _extrapolate(history[0, d], v[d], inverse_mass, method.one_half, x.shape[1])
+        forces(effects, copy, x, history[0], f, effect_work, 0.0)
         for d in range(x.shape[0]):
-            _kick_drift(x[d], v[d], memory[0, d], f[d], inverse_mass, method.timestep, x.shape[1])
+            _kick_drift(x[d], v[d], history[0, d], f[d], inverse_mass, method.timestep, x.shape[1])
 
     @staticmethod
     @jit
-    def velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def velocity(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Half a kick from the velocities half a step before."""
-        u = work[0, : x.shape[0]]
+        u = integrator_work[0, : x.shape[0]]
         for d in range(x.shape[0]):
             for t in range(x.shape[1]):
-                u[d, t] = memory[0, d, t]
+                u[d, t] = history[0, d, t]
             _extrapolate(u[d], v[d], inverse_mass, method.one_half, x.shape[1])
-        forces(effects, copy, x, u, f, scratch, 0.0)
+        forces(effects, copy, x, u, f, effect_work, 0.0)
         for d in range(x.shape[0]):
             _half_kick(f[d], v[d], inverse_mass, method.half, x.shape[1])
 
@@ -103,13 +102,14 @@ class LFAB(Integrator):
     """Leapfrog with extrapolated damping: one force evaluation a step, order 2."""
 
     order: ClassVar[int] = 2
+    undamped_share: ClassVar[float] = 0.5
 
     def limit(self, spectrum: Spectrum) -> float:
         """Root of the top eigenvalue of M^-1 (h^2 K + 4 h Z) at 4 [s]."""
         return spectrum.largest_step(1.0, 4.0, 4.0)
 
-    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundLFAB:
+    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> LFABData:
         """Typed timesteps."""
         del spectrum
         number = dtype.type
-        return BoundLFAB(number(timestep), number(0.5 * timestep), number(0.5), float(timestep))
+        return LFABData(number(timestep), number(0.5 * timestep), number(0.5), float(timestep))

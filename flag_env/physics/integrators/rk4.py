@@ -22,11 +22,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics.compose import forces
-from flag_env.physics.definite import root
-from flag_env.physics.integrators.base import Integrator, Spectrum
-from flag_env.physics.integrators.kernels import accumulate, add_multiple, copy_rows
-from flag_env.physics.jit import jit, kernel
+from flag_env.physics.compiling import forces, jit, kernel
+from flag_env.physics.integrators._rows import accumulate, add_multiple, copy_rows
+from flag_env.physics.integrators.base import Integrator, Spectrum, positive_root
 
 BULGE = ((1.0, -1.258, 8.0), (1.0, 0.097, 8.735), (0.0, 1.0, 2.785293563405))
 """Lines p a + q b = r that bound the stable set where it bulges, and its end, as (p, q, r)."""
@@ -42,14 +40,14 @@ def _accelerate(f, inverse_mass, n):
 
 
 @jit
-def _slope(effects, copy, x, v, f, scratch, inverse_mass, lag):
+def _slope(effects, copy, x, v, f, effect_work, inverse_mass, lag):
     """Leave the accelerations in `f`."""
-    forces(effects, copy, x, v, f, scratch, lag)
+    forces(effects, copy, x, v, f, effect_work, lag)
     for d in range(x.shape[0]):
         _accelerate(f[d], inverse_mass, x.shape[1])
 
 
-class BoundRK4(NamedTuple):
+class RK4Data(NamedTuple):
     """Timestep, its half, third and sixth in the scene's dtype; in float64 for the effects' own state [s]."""
 
     timestep: Any
@@ -60,21 +58,21 @@ class BoundRK4(NamedTuple):
 
     @staticmethod
     def rows() -> tuple[int, int]:
-        """Rows of memory and of work."""
+        """Rows of history and of work."""
         return 0, 4
 
     @staticmethod
     @jit
-    def step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def step(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Four slopes, each added to the result as soon as the next stage is made."""
         n = x.shape[0]
-        at, speed, x0, v0 = work[0, :n], work[1, :n], work[2, :n], work[3, :n]
+        at, speed, x0, v0 = integrator_work[0, :n], integrator_work[1, :n], integrator_work[2, :n], integrator_work[3, :n]
         copy_rows(x0, x)
         copy_rows(v0, v)
         copy_rows(at, x)
         copy_rows(speed, v)
         for stage in range(4):
-            _slope(effects, copy, at, speed, f, scratch, inverse_mass, (0.0, 0.5, 0.5, 1.0)[stage] * method.seconds)
+            _slope(effects, copy, at, speed, f, effect_work, inverse_mass, (0.0, 0.5, 0.5, 1.0)[stage] * method.seconds)
             share = method.third if stage == 1 or stage == 2 else method.sixth
             reach = method.timestep if stage == 2 else method.half
             accumulate(x, speed, share)
@@ -85,7 +83,7 @@ class BoundRK4(NamedTuple):
 
     @staticmethod
     @jit
-    def velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def velocity(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """They are at the instant of the positions as they are."""
         copy_rows(f, v)
 
@@ -103,21 +101,23 @@ class RK4(Integrator):
 
     def limit(self, spectrum: Spectrum) -> float:
         """Largest h that keeps every mode below all lines of `BULGE` and one of `SAG` [s]."""
-        stiff, damped = spectrum.sure_step(1.0, 0.0, 1.0) ** -2, 1.0 / spectrum.sure_step(0.0, 1.0, 1.0)
+        stiff, damped = spectrum.guaranteed_step(1.0, 0.0, 1.0) ** -2, 1.0 / spectrum.guaranteed_step(0.0, 1.0, 1.0)
 
         def guess(line: tuple[float, float, float]) -> float:
-            return root(line[0] * stiff, line[1] * damped, line[2])  # right if one mode is the fastest and the most damped
+            return positive_root(
+                line[0] * stiff, line[1] * damped, line[2]
+            )  # right if one mode is the fastest and the most damped
 
         limit, sag = math.inf, 0.0
         for line in sorted(BULGE, key=guess):  # who binds first spares the others
-            limit = min(limit, spectrum.largest_step(*line, enough=limit))
+            limit = min(limit, spectrum.largest_step(*line, stop_above=limit))
         for line in sorted(SAG, key=guess, reverse=True):
             if sag < limit:
-                sag = max(sag, spectrum.largest_step(*line, enough=limit, least=sag))
+                sag = max(sag, spectrum.largest_step(*line, stop_above=limit, least=sag))
         return min(limit, sag)
 
-    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundRK4:
+    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> RK4Data:
         """Typed timesteps."""
         del spectrum
         number = dtype.type
-        return BoundRK4(number(timestep), number(timestep / 2), number(timestep / 3), number(timestep / 6), float(timestep))
+        return RK4Data(number(timestep), number(timestep / 2), number(timestep / 3), number(timestep / 6), float(timestep))

@@ -26,15 +26,14 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics import validate
-from flag_env.physics.compose import forces
-from flag_env.physics.integrators.banded import Factor, factorise, improve
+from flag_env import _validate
+from flag_env.physics.compiling import forces, jit
+from flag_env.physics.integrators._linear_algebra import Factor, factorise, improve
+from flag_env.physics.integrators._rows import accumulate, add, add_multiple, copy_rows
 from flag_env.physics.integrators.base import Integrator, Spectrum
-from flag_env.physics.integrators.kernels import accumulate, add, add_multiple, copy_rows
-from flag_env.physics.jit import jit
 
 
-class BoundStrang(NamedTuple):
+class StrangData(NamedTuple):
     """Timestep, half of it and one half in the scene's dtype; the timestep in float64 [s]; the factor of M + h Z / 2."""
 
     timestep: Any
@@ -46,27 +45,27 @@ class BoundStrang(NamedTuple):
 
     @staticmethod
     def rows() -> tuple[int, int]:
-        """Rows of memory and of work."""
+        """Rows of history and of work."""
         return 0, 3
 
     @staticmethod
     @jit
-    def step(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def step(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """Drift, kick, drift."""
-        change, middle = work[0, : x.shape[0]], work[1, : x.shape[0]]
+        change, middle = integrator_work[0, : x.shape[0]], integrator_work[1, : x.shape[0]]
         change[:] = 0
         accumulate(x, v, method.half)
         for _ in range(method.iterations):
             add_multiple(middle, v, change, method.one_half)
-            forces(effects, copy, x, middle, f, scratch, 0.5 * method.seconds)
-            improve(method.factor, change, f, work[2], method.timestep)
+            forces(effects, copy, x, middle, f, effect_work, 0.5 * method.seconds)
+            improve(method.factor, change, f, integrator_work[2], method.timestep)
         copy_rows(middle, v)
         add(v, middle, change)
         accumulate(x, v, method.half)
 
     @staticmethod
     @jit
-    def velocity(method, effects, copy, x, v, memory, f, scratch, work, inverse_mass):
+    def velocity(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """They are at the instant of the positions as they are."""
         copy_rows(f, v)
 
@@ -82,22 +81,28 @@ class Strang(Integrator):
     """
 
     order: ClassVar[int] = 2
+    undamped_share: ClassVar[float] = 0.5
 
     iterations: int = 1
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "iterations", validate.count("iterations", self.iterations))
+        object.__setattr__(self, "iterations", _validate.count("iterations", self.iterations))
 
     @property
     def evaluations(self) -> int:
         """Evaluations of the forces in a step."""
         return self.iterations
 
+    @property
+    def solutions(self) -> int:
+        """One to each evaluation."""
+        return self.iterations
+
     def limit(self, spectrum: Spectrum) -> float:
         """Root of the top eigenvalue of h^2 M^-1 K at 4 [s]."""
         return spectrum.largest_step(1.0, 0.0, 4.0)
 
-    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> BoundStrang:
+    def bind(self, dtype: np.dtype[Any], timestep: float, spectrum: Spectrum) -> StrangData:
         """Typed timesteps and the factorised matrix."""
         number, factor = dtype.type, factorise(spectrum, dtype, 0.5 * timestep, 0.0)
-        return BoundStrang(number(timestep), number(0.5 * timestep), number(0.5), float(timestep), self.iterations, factor)
+        return StrangData(number(timestep), number(0.5 * timestep), number(0.5), float(timestep), self.iterations, factor)

@@ -1,0 +1,77 @@
+"""What winds share: a force or a velocity of the air that swings about its mean, the same everywhere.
+
+    w_i(t) = c_i + a_i cos(p_i + f_i t),   i = x, y, z
+
+c mean and a amplitude, in the wind's unit; f frequency [rad/s]; p phase at the start [rad]. While a simulation runs, mean,
+amplitude and frequency may change, for each copy on its own; the phase goes on without a jump.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flag_env import _validate
+from flag_env.physics.compiling import jit
+from flag_env.physics.effects.base import Effect
+
+
+class Swing(NamedTuple):
+    """A wind now, (copies, 3) each; float64, since a phase grows for as long as a run lasts."""
+
+    mean: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    frequency: NDArray[np.float64]
+    phase: NDArray[np.float64]
+
+    @staticmethod
+    def state() -> tuple[str, ...]:
+        """Fields that a run changes."""
+        return "mean", "amplitude", "frequency", "phase"
+
+
+@jit
+def swing_value(swing, copy, i, lag):
+    """The wind along axis i, `lag` seconds on."""
+    angle = swing.phase[copy, i] + swing.frequency[copy, i] * lag
+    return swing.mean[copy, i] + swing.amplitude[copy, i] * math.cos(angle)
+
+
+@jit
+def advance_phase(swing, copy, seconds):
+    """Move the phase on."""
+    for i in range(swing.phase.shape[1]):
+        swing.phase[copy, i] += swing.frequency[copy, i] * seconds
+
+
+class Wind(Effect):
+    """An effect with a wind that a run may change: its bound form has a `Swing` called `wind`.
+
+    Attributes
+    ----------
+    wind_unit
+        Of mean and amplitude: "N", a force on every free particle, or "m/s", a velocity of the air.
+    mean, amplitude
+        (x, y, z), in that unit.
+    frequency, phase
+        (x, y, z) [rad/s], and at the start [rad].
+    """
+
+    wind_unit: ClassVar[str | None] = "N"
+
+    mean: tuple[float, ...]
+    amplitude: tuple[float, ...]
+    frequency: tuple[float, ...]
+    phase: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in Swing._fields:
+            object.__setattr__(self, name, _validate.vector(name, getattr(self, name)))
+
+    def swing(self, copies: int) -> Swing:
+        """The wind at the start, a row for each copy."""
+        return Swing(*(np.tile(np.array(getattr(self, name)), (copies, 1)) for name in Swing._fields))
