@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics import Scene, Simulator
-from flag_env.physics.calibration import FRAME
 
-CONTROL_STEP = FRAME
-"""Duration of one action, 0.04 s: a scene tuned to whole frames fits it."""
+CONTROL_STEP = 0.04
+"""Duration of one action [s]."""
 
 Array = NDArray[np.float64]
 
@@ -26,7 +25,7 @@ class Control:
         Number of entries of an action.
     state_size
         Number of entries of `state`.
-    close
+    error_scale
         Difference between target and position that an agent sees as 1, in flag diagonals: of the size that the differences
         have under this control, so that networks are neither saturated nor blind.
     state : (copies, state_size)
@@ -35,7 +34,7 @@ class Control:
 
     size: ClassVar[int]
     state_size: ClassVar[int]
-    close: ClassVar[float]
+    error_scale: ClassVar[float]
 
     def __init__(self, scene: Scene, copies: int) -> None:
         self.check(scene)
@@ -62,7 +61,7 @@ class Control:
         raise NotImplementedError
 
     @staticmethod
-    def other_ways(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    def alternative_actions(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """Other ways to where `actions` (steps, size) lead: a pose that all reach does not hang on one path's folds."""
         raise NotImplementedError
 

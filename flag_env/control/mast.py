@@ -29,7 +29,10 @@ class MastControl(Control):
 
     size: ClassVar[int] = 5
     state_size: ClassVar[int] = 10
-    close: ClassVar[float] = 0.5
+    error_scale: ClassVar[float] = 0.5
+    lag: ClassVar[float] = LAG
+    reach: ClassVar[Array] = REACH
+    speed: ClassVar[Array] = SPEED
 
     def __init__(self, scene: Scene, copies: int) -> None:
         super().__init__(scene, copies)
@@ -68,7 +71,7 @@ class MastControl(Control):
         return hold(np.vstack([rng.uniform(-0.6, 0.6, (2, 5)), np.zeros(5)]), (15, 15), steps)
 
     @staticmethod
-    def other_ways(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    def alternative_actions(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """The straight way: the mean of the strokes for as long as they last."""
         moving = np.any(actions != 0, axis=1)
         return (np.where(moving[:, None], actions[moving].mean(axis=0), 0.0),)

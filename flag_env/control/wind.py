@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from flag_env.control.base import Array, Control, hold, lag_factor
 from flag_env.physics import Scene, Simulator
-from flag_env.physics.effects import Wind
-from flag_env.physics.jit import cached, entry_point
+from flag_env.physics.compiling import cached, entry_point
 
 GAIN = np.array([6.0, 8.0, 5.0])
 """Wind acceleration at full action (x, y, z) [m/s^2]."""
@@ -39,7 +38,7 @@ DRAG = 1.5
 
 def wind_of(scene: Scene, acceleration: Array) -> Array:
     """A wind acceleration [m/s^2] in the unit of the scene's wind: a force on a mean particle, or a velocity of the air."""
-    force = any(isinstance(effect, Wind) and effect.unit == "N" for effect in scene.effects)
+    force = any(effect.wind_unit == "N" for effect in scene.effects)
     return acceleration * float(scene.lattice.masses.mean()) if force else acceleration / DRAG
 
 
@@ -73,7 +72,9 @@ class WindControl(Control):
 
     size: ClassVar[int] = 3
     state_size: ClassVar[int] = 3
-    close: ClassVar[float] = 0.1
+    error_scale: ClassVar[float] = 0.1
+    gain: ClassVar[Array] = GAIN
+    frequency: ClassVar[Array] = FREQUENCY
 
     def __init__(self, scene: Scene, copies: int) -> None:
         super().__init__(scene, copies)
@@ -82,7 +83,7 @@ class WindControl(Control):
     @classmethod
     def check(cls, scene: Scene) -> None:
         """Raise ValueError unless the scene has a wind."""
-        units = {effect.unit for effect in scene.effects if isinstance(effect, Wind)}
+        units = {effect.wind_unit for effect in scene.effects if effect.wind_unit}
         if len(units) > 1:
             raise ValueError(f"scene must hold winds in one unit for control='wind', got winds in {' and '.join(sorted(units))}")
         if not units:
@@ -110,7 +111,7 @@ class WindControl(Control):
         return hold(rng.uniform(-0.8, 0.8, (2, 3)), (15,), steps)
 
     @staticmethod
-    def other_ways(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    def alternative_actions(actions: NDArray[Any]) -> tuple[NDArray[Any], ...]:
         """The steady wind from the start, and the opposite gust before it."""
         steady = np.broadcast_to(actions[-1], actions.shape)
         gust = np.any(actions != actions[-1], axis=1, keepdims=True)

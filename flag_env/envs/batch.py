@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.control import CONTROLS, Control
-from flag_env.control.base import CONTROL_STEP
-from flag_env.control.wind import wind_of
-from flag_env.envs import glance
-from flag_env.physics import Diverged, Scene, Simulator, presets, validate
-from flag_env.physics.effects import Wind
+from flag_env import _validate
+from flag_env.control import CONTROL_STEP, CONTROLS, Control, WindControl, wind_of
+from flag_env.envs import evaluate
+from flag_env.physics import Frame, Scene, Simulator, presets, tune
+from flag_env.physics.accuracy import divided
+from flag_env.physics.effects import CosineWind, Wind
 from flag_env.physics.integrators import LFAB
-from flag_env.physics.reading import Reading
-from flag_env.physics.stability import timestep_of
-from flag_env.physics.tuning import on_frames
-from flag_env.tasks.targets import SPLITS, Targets, load_targets
+from flag_env.tasks import SPLITS, Targets, load_targets
 
 Array = NDArray[np.float64]
-Look = Callable[[int, int], None]
+Evaluation = Callable[[int, int], None]
 
 LEVELS = ("calm", "breeze")
 """calm: the wind is known; breeze: each target comes with a hidden wind that the agent must feel through the flag."""
@@ -38,10 +35,10 @@ WIND = np.array([6.0, 0.0, 0.0])
 OBSERVED = (3, 5)
 """Rows and columns of the observed nodes."""
 
-ROOM = 100.0
+LARGEST_COORDINATE = 100.0
 """Largest coordinate of a flag that still counts as simulated [m]."""
 
-FASTEST = float(np.finfo(np.float64).max)
+LARGEST_SPEED = float(np.finfo(np.float64).max)
 """Largest component of a velocity that still counts as simulated [m/s]."""
 
 _SINGLE = np.dtype(np.float32)
@@ -53,7 +50,7 @@ SCENES = ("flag", "two_layer_flag")
 
 
 @dataclass(frozen=True)
-class Settings:
+class FlagConfig:
     """The environments' arguments, checked; see `FlagEnv` for their meaning."""
 
     control: str = "wind"
@@ -64,15 +61,19 @@ class Settings:
     accuracy: str | float | None = None
 
     def __post_init__(self) -> None:
-        validate.choice("control", self.control, CONTROLS)
-        validate.choice("level", self.level, LEVELS)
-        validate.choice("split", self.split, SPLITS)
-        object.__setattr__(self, "tolerance", validate.number("tolerance", self.tolerance, above=0.0))
+        _validate.choice("control", self.control, CONTROLS)
+        _validate.choice("level", self.level, LEVELS)
+        _validate.choice("split", self.split, SPLITS)
+        object.__setattr__(self, "tolerance", _validate.number("tolerance", self.tolerance, above=0.0))
         if not isinstance(self.scene, Scene):
-            validate.choice("scene", self.scene, SCENES)
+            _validate.choice("scene", self.scene, SCENES)
         elif self.scene.lattice.dimensions < 3:
             raise ValueError(
                 f"scene must have three dimensions, as its targets have, got dimensions={self.scene.lattice.dimensions}"
+            )
+        elif (reach := float(np.linalg.norm(self.scene.lattice.rest_positions, axis=-1).max())) > LARGEST_COORDINATE:
+            raise ValueError(
+                f"scene must fit into {LARGEST_COORDINATE:g} m, got a flag whose far corner is {reach:g} m from its mast's foot"
             )
         CONTROLS[self.control].check(self.resolved_scene())
 
@@ -80,20 +81,30 @@ class Settings:
         """The scene to simulate, tuned to the accuracy, its timestep a whole fraction of the control step."""
         scene = self.scene if isinstance(self.scene, Scene) else _preset(self.scene)
         if self.accuracy is None:  # a preset is "balanced" as it is
-            return fitted(scene)
-        return fitted(scene.tuned(self.accuracy))
+            return divided(scene, CONTROL_STEP)
+        if isinstance(self.accuracy, str):
+            return tune(scene, self.accuracy, multiple_of=CONTROL_STEP)
+        tuned = tune(blown(scene), self.accuracy, multiple_of=CONTROL_STEP)
+        return scene.replace(integrator=tuned.integrator, dtype=tuned.dtype, timestep=tuned.timestep, allow_unstable=False)
 
 
-def fitted(scene: Scene) -> Scene:
-    """The scene with its timestep lowered to a whole fraction of the control step."""
-    return on_frames(scene, timestep_of(scene))
+def blown(scene: Scene) -> Scene:
+    """The scene in the wind of full action from the start on; a scene without a wind gets one, for a mast shakes it as much.
+
+    An accuracy in metres is kept in this motion, since a calm flag's own says little of an episode's.
+    """
+    winds = [effect for effect in scene.effects if isinstance(effect, Wind)] or [CosineWind()]
+    scene = scene.adding(*winds)
+    mean, amplitude = (tuple(wind_of(scene, part).tolist()) for part in (WIND, WindControl.gain))
+    full = {"mean": mean, "amplitude": amplitude, "frequency": tuple(WindControl.frequency.tolist())}
+    return scene.adding(*(replace(wind, **full) for wind in winds))  # type: ignore[arg-type]
 
 
 def _preset(name: str) -> Scene:
     return getattr(presets, name)(rows=10, cols=16, integrator=LFAB(), dtype="float32")  # type: ignore[no-any-return]
 
 
-DEFAULT_SCENE = fitted(_preset("flag"))
+DEFAULT_SCENE = divided(_preset("flag"), CONTROL_STEP)
 """The scene of the shipped targets."""
 
 
@@ -112,6 +123,8 @@ class FlagBatch:
         See `Simulator`.
     library
         The targets; None: the shipped ones.
+    episode_steps
+        Length of an episode, of which an agent sees the share that is left.
 
     Attributes
     ----------
@@ -129,21 +142,28 @@ class FlagBatch:
         The same, and the same memory, of each flag.
     """
 
-    _look_at_now: Look
-    _look_at_last: Look
+    _evaluate_now: Evaluation
+    _evaluate_last: Evaluation
 
-    def __init__(self, settings: Settings, copies: int = 1, threads: int | None = None, library: Targets | None = None) -> None:
-        self.settings = settings
-        scene = settings.resolved_scene()
+    def __init__(
+        self,
+        config: FlagConfig,
+        copies: int = 1,
+        threads: int | None = None,
+        library: Targets | None = None,
+        episode_steps: int = EPISODE_STEPS,
+    ) -> None:
+        self.config, self.episode_steps = config, episode_steps
+        scene = config.resolved_scene()
         self.scene = scene
         self.simulator = Simulator(scene, copies, threads=threads)
         self.steps_per_action = round(CONTROL_STEP / self.simulator.timestep)
-        self.control: Control = CONTROLS[settings.control](scene, copies)
-        self.library = library or load_targets(settings.control, settings.level, settings.split)
+        self.control: Control = CONTROLS[config.control](scene, copies)
+        self.library = library or load_targets(config.control, config.level, config.split)
         self._targets = np.zeros((copies, 3 * scene.lattice.size))
         self.target_index = np.zeros(copies, np.int64)
         self.hidden_wind = np.zeros((copies, 3))
-        self.now, self._last = self.simulator.reading(), self.simulator.reading()
+        self.now, self._last = self.simulator.frame(), self.simulator.frame()
         self.before, self.distance = np.zeros(copies), np.zeros(copies)
         self.success, self.diverged = np.zeros(copies, bool), np.zeros(copies, bool)
         self.elapsed, self.held = np.zeros(copies, np.int64), np.zeros(copies, np.int64)
@@ -155,7 +175,7 @@ class FlagBatch:
         self.observed = np.zeros((copies, entries), _SINGLE)
         self._shipped = scene == DEFAULT_SCENE
         self._poses: dict[int, Array] = {}
-        self._windy = any(isinstance(effect, Wind) for effect in scene.effects)
+        self._windy = any(effect.wind_unit for effect in scene.effects)
         self._bind()
 
     @property
@@ -168,12 +188,42 @@ class FlagBatch:
         """Target positions [m], shape (copies, layers, rows, cols, 3)."""
         return self._targets.reshape(self.now.shape)
 
-    def reset(self, copies: Sequence[int], chosen: Sequence[int], poses: Array | None = None) -> None:
-        """Start an episode of each of `copies` with the target of the number in `chosen`, or the given target poses."""
+    def witness(self, copy: int) -> NDArray[np.float32]:
+        """Actions (steps, size) that reach a flag's present target from the start."""
+        return self.library.actions(int(self.target_index[copy]))
+
+    def last(self, episode_steps: int) -> None:
+        """Let episodes take this many steps from the next reset on."""
+        if episode_steps != self.episode_steps:
+            self.episode_steps = episode_steps
+            self._bind()
+
+    def start(self, copies: Sequence[int], generators: Sequence[np.random.Generator], target: int | None = None) -> None:
+        """Start an episode of each of `copies`, with a random target or that of a number, and with turbulence of its own.
+
+        What is random is drawn from each copy's own generator: the target first, then the turbulence, if the scene has any.
+        """
+        count = len(self.library)
+        chosen = [int(generator.integers(count)) if target is None else target for generator in generators]
+        seeds = [int(generator.integers(2**63)) for generator in generators] if self.simulator.turbulent else None
+        self.reset(copies, chosen, seeds=seeds)
+
+    def reset(
+        self, copies: Sequence[int], chosen: Sequence[int], poses: Array | None = None, seeds: Sequence[int] | None = None
+    ) -> None:
+        """Start an episode of each of `copies` with the target of the number in `chosen`, or the given target poses.
+
+        Turbulence starts from `seeds`; None: the same for all, in which witnesses are replayed.
+        """
         which = np.asarray(copies, np.intp)
         if poses is None:
             poses = self.poses(chosen)
-        self.simulator.set_state(self._start, copies=None if len(which) == self.copies else [int(copy) for copy in which])
+        if len(which) == self.copies:
+            self.simulator.set_state(self._start)
+        else:  # factors of set_parameters are those of all flags, and stay
+            self.simulator.set_state(replace(self._start, scales=self.simulator.scales), copies=which.tolist())
+        if seeds is not None:
+            self.simulator.reseed(which.tolist(), seeds)
         self.control.reset(self.simulator, which)
         self.target_index[which] = chosen
         self._targets[which] = poses.reshape(len(which), -1)
@@ -183,7 +233,7 @@ class FlagBatch:
         self.held[which] = 0
         self.success[which] = self.diverged[which] = False
         self.now.x[which], self.now.v[which] = self._start_positions, 0.0
-        self._look(self.now, self._last, stepped=False)(0, self.copies)
+        self._evaluation(self.now, self._last, stepped=False)(0, self.copies)
 
     def step(self, action: Any, shape: tuple[int, ...]) -> None:
         """Take one control step under an action of `shape`, copies x size entries, clipped to [-1, 1].
@@ -196,8 +246,8 @@ class FlagBatch:
         if not self.control.apply(self.simulator, _shaped(action, shape)):
             raise _not_finite(action)
         self.now, self._last = self._last, self.now
-        self._look_at_now, self._look_at_last = self._look_at_last, self._look_at_now
-        self.simulator.step_into(self.steps_per_action, self.now, self._look_at_now)
+        self._evaluate_now, self._evaluate_last = self._evaluate_last, self._evaluate_now
+        self.simulator.step_into(self.steps_per_action, self.now, self._evaluate_now)
 
     def wind(self, copy: int = 0) -> Array | None:
         """Wind acceleration on the flag now (x, y, z) [m/s^2]; None in a scene without wind."""
@@ -210,25 +260,26 @@ class FlagBatch:
             return np.asarray(self.library.positions[list(chosen)])
         for index in chosen:
             if index not in self._poses:
-                self._poses[index] = replay(self.settings, self.library, [index])[-1, 0]
+                self._poses[index] = replay(self.config, self.library, [index])[-1, 0]
         return np.stack([self._poses[index] for index in chosen])
 
     def _bind(self) -> None:
         """Tie machine code to the batch's arrays, and rows to `observed`."""
-        self._look_at_now = self._look(self.now, self._last, stepped=True)
-        self._look_at_last = self._look(self._last, self.now, stepped=True)
+        self._evaluate_now = self._evaluation(self.now, self._last, stepped=True)
+        self._evaluate_last = self._evaluation(self._last, self.now, stepped=True)
         self.rows = list(self.observed)
 
-    def _look(self, now: Reading, last: Reading, stepped: bool) -> Look:
+    def _evaluation(self, now: Frame, last: Frame, stepped: bool) -> Evaluation:
         """Function that looks at the flags from a first to before a last, which have taken a step or not."""
         return partial(
-            glance.look(), now.x, now.v, last.x, last.v, self._targets, self.nodes, self.control.state,
-            ROOM, FASTEST, self.diagonal, self.control.close * self.diagonal, self.settings.tolerance, HOLD_STEPS, EPISODE_STEPS,
-            LIMIT, self.elapsed, self.held, self.before, self.distance, self.success, self.diverged, self.observed, stepped,
+            evaluate.evaluate_step(), now.x, now.v, last.x, last.v, self._targets, self.nodes, self.control.state,
+            LARGEST_COORDINATE, LARGEST_SPEED, self.diagonal, self.control.error_scale * self.diagonal, self.config.tolerance,
+            HOLD_STEPS, self.episode_steps, LIMIT, self.elapsed, self.held, self.before, self.distance, self.success,
+            self.diverged, self.observed, stepped,
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_look_at_now": None, "_look_at_last": None, "rows": None}
+        return {**self.__dict__, "_evaluate_now": None, "_evaluate_last": None, "rows": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -264,21 +315,24 @@ def _observed_nodes(scene: Scene) -> NDArray[np.int64]:
     return (row[:, None] * cols + col).ravel()
 
 
-def replay(settings: Settings, witnesses: Targets, indices: Sequence[int]) -> Array:
+def replay(config: FlagConfig, witnesses: Targets, indices: Sequence[int]) -> Array:
     """Poses after each of the last `HOLD_STEPS` steps when these witnesses are replayed, shape (steps, targets, ..., 3).
 
     Raises
     ------
-    Diverged
+    ValueError
         If the scene does not survive a witness.
     """
-    batch = FlagBatch(settings, len(indices), library=witnesses)
+    batch = FlagBatch(config, len(indices), library=witnesses)
     batch.reset(range(len(indices)), indices, np.zeros((len(indices), *batch.scene.lattice.shape, 3)))
     actions = np.stack([witnesses.actions(index) for index in indices], axis=1).astype(np.float64)
     poses = []
     for row in actions:
         batch.step(row, row.shape)
         if batch.diverged.any():
-            raise Diverged(batch.simulator.time, int(np.argmax(batch.diverged)), (0, 0, 0))
+            raise ValueError(
+                f"scene must survive the witness of its targets; that of target {indices[int(np.argmax(batch.diverged))]} takes "
+                f"the flag out of {LARGEST_COORDINATE:g} m or of the finite numbers before t = {batch.simulator.time:.6g} s"
+            )
         poses.append(batch.now.positions.copy())
     return np.stack(poses[-HOLD_STEPS:])

@@ -8,8 +8,11 @@ serve to learn, but are left out of the other splits. The stored pose is rounded
 
 from __future__ import annotations
 
-import os
+import io
+import shutil
+import signal
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,14 +20,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flag_env._files import write_bytes
 from flag_env.control import CONTROLS
-from flag_env.envs.batch import EPISODE_STEPS, LEVELS, Settings, replay
-from flag_env.tasks.targets import SIZES, SPLITS, Targets, decode, encode
+from flag_env.envs.batch import EPISODE_STEPS, LEVELS, FlagConfig, replay
+from flag_env.tasks import PARTS, SIZES, SPLITS, Targets, decode, digest, encode
 
 HIDDEN_WIND = {"calm": np.zeros(3), "breeze": np.array([3.0, 4.0, 3.0])}
 """Largest hidden wind either way [m/s^2]."""
 
-STEADY = 0.025
+MAX_DRIFT = 0.025
 """Largest distance to the last pose over the last ten steps, in flag diagonals."""
 
 _CHUNK = 128
@@ -35,17 +39,17 @@ def build(control: str, level: str, seed: int, progress: Callable[[int], Any] = 
     arrays: dict[str, NDArray[Any]] = {}
     for number, split in enumerate(SPLITS):
         rng = np.random.default_rng((seed, sorted(CONTROLS).index(control), LEVELS.index(level), number))
-        settings = Settings(control=control, level=level, split=split)
+        config = FlagConfig(control=control, level=level, split=split)
         kept: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
         while len(kept) < SIZES[split]:
             drawn = _draw(control, level, rng)
-            poses = replay(settings, drawn, range(_CHUNK))
+            poses = replay(config, drawn, range(_CHUNK))
             stored = decode(encode(poses[-1]))
-            ways = [poses, *(replay(settings, other, range(_CHUNK)) for other in _other_ways(control, drawn))]
-            reached = np.max([_distances(settings, way, stored).max(axis=0) for way in ways], axis=0) < STEADY
+            ways = [poses, *(replay(config, other, range(_CHUNK)) for other in _alternative_actions(control, drawn))]
+            reached = np.max([_distances(config, way, stored).max(axis=0) for way in ways], axis=0) < MAX_DRIFT
             if split != "train":
-                idle = replay(settings, replace(drawn, witnesses=np.zeros_like(drawn.witnesses)), range(_CHUNK))
-                reached &= _distances(settings, idle, stored).max(axis=0) > settings.tolerance
+                idle = replay(config, replace(drawn, witnesses=np.zeros_like(drawn.witnesses)), range(_CHUNK))
+                reached &= _distances(config, idle, stored).max(axis=0) > config.tolerance
             found = np.flatnonzero(reached)[: SIZES[split] - len(kept)]
             kept += [(drawn.witnesses[i], drawn.wind[i], poses[-1, i]) for i in found]
             progress(len(found))
@@ -55,21 +59,52 @@ def build(control: str, level: str, seed: int, progress: Callable[[int], Any] = 
     return arrays
 
 
-def save(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
-    """Write a library file whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
-    os.replace(partial, path)  # noqa: PTH105
+def save(path: Path, arrays: dict[str, NDArray[Any]], seed: int) -> None:
+    """Write a library file whole or not at all; it tells its seed, and digests that `read_targets` checks."""
+    noted: dict[str, NDArray[Any]] = {"seed": np.array(seed)}
+    for split in SPLITS:
+        parts = (*(arrays[f"{split}_{name}"] for name in PARTS), arrays["spans"])
+        noted[f"{split}_digest"] = np.array(digest(seed, split, *parts))
+    content = io.BytesIO()  # an interrupt amid a zip file on disk would be told as a closed file
+    np.savez_compressed(content, allow_pickle=False, **arrays, **noted)
+    write_bytes(path, content.getvalue())
 
 
-def check(settings: Settings, library: Targets) -> Iterator[float]:
+@contextmanager
+def swapped(folder: Path) -> Iterator[Path]:
+    """Give an empty folder; what is written there takes its place in `folder` once the block has ended without an error.
+
+    Otherwise `folder` stays as it was. Files are renamed one by one, within a millisecond and deaf to Ctrl-C; a machine that
+    fails just then may leave old ones beside new ones, each whole, which their seeds tell.
+
+    Raises
+    ------
+    FileExistsError
+        If another process is at it, or was killed.
+    """
+    new, staging = not folder.exists(), folder / ".building"
+    folder.mkdir(parents=True, exist_ok=True)
+    staging.mkdir()
+    try:
+        yield staging
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            for path in sorted(staging.iterdir()):
+                path.replace(folder / path.name)
+        finally:
+            signal.signal(signal.SIGINT, before)
+    finally:
+        shutil.rmtree(staging)
+        if new and not any(folder.iterdir()):
+            folder.rmdir()
+
+
+def check(config: FlagConfig, library: Targets) -> Iterator[float]:
     """Replay every witness; for each target, the largest distance over the last ten steps, in flag diagonals."""
     for first in range(0, len(library), _CHUNK):
         indices = range(first, min(first + _CHUNK, len(library)))
-        poses = replay(settings, library, indices)
-        yield from _distances(settings, poses, library.positions[list(indices)]).max(axis=0)
+        poses = replay(config, library, indices)
+        yield from _distances(config, poses, library.positions[list(indices)]).max(axis=0)
 
 
 def _draw(control: str, level: str, rng: np.random.Generator) -> Targets:
@@ -82,14 +117,14 @@ def _draw(control: str, level: str, rng: np.random.Generator) -> Targets:
     return Targets(np.stack(sequences)[:, starts], spans, wind, np.zeros(0))
 
 
-def _other_ways(control: str, drawn: Targets) -> list[Targets]:
+def _alternative_actions(control: str, drawn: Targets) -> list[Targets]:
     """The same candidates with each other way to act."""
-    sequences = [CONTROLS[control].other_ways(drawn.actions(index)) for index in range(len(drawn))]
+    sequences = [CONTROLS[control].alternative_actions(drawn.actions(index)) for index in range(len(drawn))]
     spans = np.ones(EPISODE_STEPS, np.int64)
     return [replace(drawn, witnesses=np.stack(way), spans=spans) for way in zip(*sequences, strict=True)]
 
 
-def _distances(settings: Settings, poses: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def _distances(config: FlagConfig, poses: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """RMS distances of poses (steps, targets, layers, rows, cols, 3) to `target`, in flag diagonals, (steps, targets)."""
     square = ((poses - target) ** 2).sum(axis=-1).mean(axis=(2, 3, 4))
-    return np.sqrt(square) / settings.resolved_scene().lattice.diagonal  # type: ignore[no-any-return]
+    return np.sqrt(square) / config.resolved_scene().lattice.diagonal  # type: ignore[no-any-return]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import gymnasium
@@ -9,14 +10,17 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from flag_env.control.base import CONTROL_STEP
-from flag_env.envs.batch import FlagBatch, Settings, check_action
-from flag_env.envs.picture import Picture
+from flag_env import _validate
+from flag_env.control import CONTROL_STEP
+from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, FlagConfig, check_action
+from flag_env.envs.picture import LivePage, Picture, snapshot
+from flag_env.envs.time_limit import time_limit
 from flag_env.envs.views import FlatView
-from flag_env.physics import Scene, Simulator, validate
-from flag_env.tasks.targets import Targets
+from flag_env.physics import Scene, Simulator
+from flag_env.render import Snapshot
+from flag_env.tasks import Targets
 
-RENDER_MODES = ("rgb_array",)
+RENDER_MODES = ("human", "rgb_array")
 
 
 class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
@@ -59,11 +63,16 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     ## Start and end
 
-    The flag starts flat and at rest; the seed picks the target. `reset(options={"target": i})` picks target i of the split.
-    An episode is truncated after 75 steps (`TimeLimit`); it terminates only if the simulation diverges.
+    The flag starts flat and at rest; the seed picks the target, and the turbulence of a scene that has any.
+    `reset(options={"target": i})` picks target i of the split. An episode is truncated after 75 steps, or the
+    `max_episode_steps` given to `gymnasium.make` (`TimeLimit`); it terminates only if the simulation diverges.
 
-    `info`: `distance` d; `is_success`: whether d < tolerance held on each of the last 10 steps; `reward_terms`; `diverged`;
-    `target`: number of the target in its split.
+    `info` has the same keys after `reset` and `step`: `distance` d; `is_success`: whether d < tolerance held on each of the last
+    10 steps; `diverged`; `target`: number of the target in its split; and the terms of the reward, which sum to it:
+    `reward_in_tolerance` and `reward_approach` of "shaped", `reward_distance` of "dense", `reward_miss` of "sparse".
+
+    `env.unwrapped.witness()` gives actions (75, size) that reach the present target. In turbulence, which differs from episode
+    to episode, targets are where witnesses lead under one draw of it, and no actions are sure to reach them.
 
     ## Arguments
 
@@ -75,13 +84,13 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     | `scene` | "flag" | "flag", "two_layer_flag" (10 x 16 particles) or a `Scene`; targets are where witnesses lead in it |
     | `tolerance` | 0.05 | distance that counts as reached, in flag diagonals |
     | `reward` | "shaped" | "shaped", "dense" or "sparse" |
-    | `render_mode` | None | "rgb_array" |
+    | `render_mode` | None | "rgb_array", or "human": a page in the browser, which needs the extra "play" |
     | `width`, `height` | 480 | size of a frame in pixels |
     | `accuracy` | None | "fast", "balanced", "reference", or an error in metres; None: "balanced", but a `Scene` as it is |
 
     With another accuracy than the default one, actions and observations keep their meaning and shape, and targets are where the
     witnesses lead in that scene. "fast" halves the lattice of the flag (5 x 8 particles), "balanced" keeps the integration error
-    below 1 mm over one second, "reference" below 1 micrometre; see `flag_env.physics.tuning`.
+    below 1 mm over one second, "reference" below 1 micrometre; see `flag_env.physics.accuracy.tuning`.
 
     ## Versions
 
@@ -105,10 +114,11 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         accuracy: str | float | None = None,
     ) -> None:
         self.render_mode = checked_render_mode(render_mode)
-        validate.choice("reward", reward, self.view.rewards)
-        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance, accuracy))
+        _validate.choice("reward", reward, self.view.rewards)
+        self._batch = FlagBatch(FlagConfig(control, level, split, scene, tolerance, accuracy))
         self._view = self.view(self._batch, reward)
         self._picture = Picture(width, height)
+        self._page = LivePage(self.metadata["render_fps"]) if render_mode == "human" else None
         self._started = False
         self._target = 0
         self._action_shape = (self._batch.control.size,)
@@ -140,14 +150,16 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         options
             {"target": number of a target of the split}, or None for a random one.
         """
-        target = chosen_target(options, len(self._batch.library))
+        batch = self._batch
+        target = chosen_target(options, len(batch.library))
         super().reset(seed=seed)
-        if target is None:
-            target = int(self.np_random.integers(len(self._batch.library)))
-        self._batch.reset([0], [target])
-        self._target = target
+        batch.last(time_limit(self) or EPISODE_STEPS)
+        batch.start([0], [self.np_random], target)
+        self._target = int(batch.target_index[0])
         self._started = True
-        return self._view.observation(0), self._info({}, self._batch.distance.item(), False, False)
+        if self._page is not None:
+            self._page.show(batch, None)
+        return self._view.observation(0), self._info(self._view.no_terms, batch.distance.item(), False, False)
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take one control step of 0.04 s."""
@@ -159,42 +171,65 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         observation, distance, diverged = self._view.observation(0), batch.distance.item(), batch.diverged.item()
         terms = self._view.terms(batch.before.item(), distance, observation)
         info = self._info(terms, distance, batch.success.item(), diverged)
+        if self._page is not None:
+            self._page.show(batch, terms)
         return observation, sum(terms.values()), diverged, False, info
 
+    def witness(self) -> NDArray[np.float32]:
+        """Actions (75, size) that reach the present target from the start."""
+        if not self._started:
+            raise gymnasium.error.ResetNeeded("reset() must be called before witness()")
+        return self._batch.witness(0)
+
     def render(self) -> NDArray[np.uint8] | None:
-        """A frame (height, width, 3) with `render_mode="rgb_array"`, else None."""
+        """A frame (height, width, 3) with `render_mode="rgb_array"`, else None; "human" shows every step by itself."""
         if self.render_mode is None:
             gymnasium.logger.warn('render() draws nothing without render_mode="rgb_array" in gymnasium.make')
+        if self.render_mode != "rgb_array":
             return None
         return self._picture.draw(self._batch)
 
+    def snapshot(self) -> Snapshot:
+        """What a picture of this moment shows: flag, target, wind and distance."""
+        return snapshot(self._batch)
+
     def close(self) -> None:
-        """Free the renderer."""
+        """Free the renderer, and close the page."""
         self._picture.close()
+        if self._page is not None:
+            self._page.close()
 
     def _info(self, terms: dict[str, float], distance: float, success: bool, diverged: bool) -> dict[str, Any]:
         return {
             "distance": distance,
             "is_success": success,
-            "reward_terms": terms,
             "diverged": diverged,
             "target": self._target,
+            **{f"reward_{name}": value for name, value in terms.items()},
         }
 
 
-def checked_render_mode(render_mode: str | None) -> str | None:
-    """The render mode; raise ValueError unless there is such a one."""
-    if render_mode is not None and not (isinstance(render_mode, str) and render_mode in RENDER_MODES):
-        raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {render_mode!r}")
+def checked_render_mode(render_mode: str | None, modes: tuple[str, ...] = RENDER_MODES) -> str | None:
+    """The render mode; raise ValueError unless it is one of these."""
+    if render_mode is not None and not (isinstance(render_mode, str) and render_mode in modes):
+        raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
     return render_mode
+
+
+def checked_options(options: Any) -> dict[str, Any]:
+    """The options of a reset in a dictionary of their own; raise TypeError unless they are one, or None."""
+    if options is not None and not isinstance(options, Mapping):
+        raise TypeError(f"options must be None or a dictionary, got {options!r}")
+    return dict(options or {})
 
 
 def chosen_target(options: dict[str, Any] | None, count: int) -> int | None:
     """The target that reset options ask for, if any."""
-    unknown = set(options or {}) - {"target"}
+    options = checked_options(options)
+    unknown = set(options) - {"target"}
     if unknown:
-        raise ValueError(f"options must hold no other key than 'target', got {sorted(unknown)}")
-    target = (options or {}).get("target")
+        raise ValueError(f"options must hold no other key than 'target', got {sorted(map(repr, unknown))}")
+    target = options.get("target")
     if target is None:
         return None
     if isinstance(target, bool) or not isinstance(target, (int, np.integer)) or not 0 <= target < count:

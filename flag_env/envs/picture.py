@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
+from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from flag_env.envs.batch import FlagBatch
-from flag_env.render.snapshot import Snapshot
-
-if TYPE_CHECKING:
-    from flag_env.render.renderer import Renderer
+from flag_env.envs.batch import EPISODE_STEPS, FlagBatch
+from flag_env.render import Renderer, Snapshot
 
 WIND_SCALE = 15.0
 """Wind acceleration that is drawn as an arrow of full length [m/s^2]."""
@@ -30,9 +29,7 @@ class Picture:
     def draw(self, batch: FlagBatch, copy: int = 0) -> NDArray[np.uint8]:
         """One frame, shape (height, width, 3)."""
         if self._renderer is None:
-            from flag_env.render.renderer import Renderer  # matplotlib loads here
-
-            self._renderer = Renderer(*self._size)
+            self._renderer = Renderer(*self._size)  # matplotlib loads here
         return self._renderer.draw(snapshot(batch, copy))
 
     def close(self) -> None:
@@ -45,12 +42,47 @@ class Picture:
         return {**self.__dict__, "_renderer": None}
 
 
+class LivePage:
+    """Shows the flag of a batch in a browser while it moves: the room of pages is loaded when the first picture is to be seen."""
+
+    def __init__(self, fps: float) -> None:
+        self._fps = fps
+        self._window: Any = None
+
+    def show(self, batch: FlagBatch, terms: dict[str, float] | None) -> None:
+        """The flag now, with the rewards of its step; None begins an episode.
+
+        Raises
+        ------
+        DependencyNotInstalled
+            If the extra "play" is missing.
+        """
+        if self._window is None:
+            window: Any = load_env_creator(
+                "flag_env.viewer:Window"
+            )  # a room above this one, found as gymnasium finds environments
+            try:
+                self._window = window(batch.scene, self._fps, "episode", EPISODE_STEPS)
+            except ImportError as error:
+                raise DependencyNotInstalled(str(error)) from error
+        self._window.show(snapshot(batch), terms)
+
+    def close(self) -> None:
+        """Close the page; the next picture opens another."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_window": None}
+
+
 def snapshot(batch: FlagBatch, copy: int = 0) -> Snapshot:
     """The immutable picture of one flag of a batch."""
     lattice = batch.scene.lattice
     positions = batch.now.positions[copy]
     length, height = lattice.extent
-    reach = 0.35 * lattice.diagonal if batch.settings.control == "wind" else 0.35 * lattice.diagonal + 1.0
+    reach = 0.35 * lattice.diagonal if batch.config.control == "wind" else 0.35 * lattice.diagonal + 1.0
     low = np.array([-reach, -0.75 * lattice.diagonal, -0.4 * lattice.diagonal - reach])
     high = np.array([length + reach, 0.75 * lattice.diagonal, height + reach])
     return Snapshot(
@@ -60,7 +92,8 @@ def snapshot(batch: FlagBatch, copy: int = 0) -> Snapshot:
         target=batch.target[copy],
         wind=batch.wind(copy),
         wind_scale=WIND_SCALE,
-        success=bool(batch.distance[copy] < batch.settings.tolerance),
+        success=bool(batch.distance[copy] < batch.config.tolerance),
         distance=float(batch.distance[copy]),
-        tolerance=batch.settings.tolerance,
+        tolerance=batch.config.tolerance,
+        intact=batch.simulator.intact_cells()[copy] if any(effect.breaks for effect in batch.scene.effects) else None,
     )

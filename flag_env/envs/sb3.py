@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,11 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from flag_env import _validate
 from flag_env.envs.batch import EPISODE_STEPS
+from flag_env.envs.flag import chosen_target
 from flag_env.envs.vector import FlagGoalVectorEnv, FlagVectorEnv
-from flag_env.physics import Scene, validate
+from flag_env.physics import Scene
 
 KINDS = {
     "Flag-v0": (FlagVectorEnv, None),
@@ -55,7 +58,7 @@ class FlagSB3VecEnv(VecEnv):
         height: int = 480,
         accuracy: str | float | None = None,
     ) -> None:
-        kind, own_reward = KINDS[validate.choice("env_id", env_id, KINDS)]
+        kind, own_reward = KINDS[_validate.choice("env_id", env_id, KINDS)]
         self.env = kind(
             num_envs, max_episode_steps, AutoresetMode.SAME_STEP, threads, control, level, split, scene, tolerance,
             own_reward if reward is None else reward, render_mode, width, height, accuracy,
@@ -66,6 +69,8 @@ class FlagSB3VecEnv(VecEnv):
 
     def reset(self) -> Any:
         """Start an episode of every flag, with the seeds and options that were set."""
+        for option in self._options:  # all, before any flag is reset
+            chosen_target(option, len(self.env.library))
         options = [dict(option or {}) for option in self._options]
         seeds = list(self._seeds)
         if all(option == options[0] for option in options):
@@ -115,7 +120,7 @@ class FlagSB3VecEnv(VecEnv):
         if name in ("observation_space", "action_space"):
             return getattr(self, name)
         value = getattr(self.env, name)
-        return value[copy] if name == "target" else value
+        return value[copy] if name in ("target", "np_random", "np_random_seed") else value
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Give an attribute to these copies."""
@@ -123,9 +128,37 @@ class FlagSB3VecEnv(VecEnv):
             self._attributes[copy][attr_name] = value
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method for each of these copies; `compute_reward` serves hindsight replay."""
-        count = len(list(self._get_indices(indices)))
-        return [getattr(self.env, method_name)(*method_args, **method_kwargs) for _ in range(count)]
+        """Call a method of each of these copies alone, as its single environment has it.
+
+        There are "reset", "render", "witness" and, for hindsight replay, "compute_reward"; others raise AttributeError: flags in
+        lock-step cannot take them one by one.
+        """
+        return [self._method(method_name, copy)(*method_args, **method_kwargs) for copy in self._get_indices(indices)]
+
+    def _method(self, name: str, copy: int) -> Callable[..., Any]:
+        """A method of one flag alone."""
+        if name == "compute_reward" and isinstance(self.env, FlagGoalVectorEnv):
+            return self.env.compute_reward
+        methods = {"reset": self._reset_one, "render": self._render_one, "witness": self._witness_of}
+        if name not in methods:
+            raise AttributeError(f"method_name must be one of {', '.join(methods)}, or compute_reward of goals, got {name!r}")
+        return partial(methods[name], copy)
+
+    def _reset_one(self, copy: int, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        seeds: list[int | None] = [None] * self.num_envs
+        seeds[copy] = seed
+        chosen_target(options, len(self.env.library))
+        mask = np.arange(self.num_envs) == copy
+        observation, info = self.env.reset(seed=seeds, options={"reset_mask": mask, **(options or {})})
+        if isinstance(observation, dict):
+            return {key: part[copy] for key, part in observation.items()}, _singles(info, self.num_envs)[copy]
+        return observation[copy], _singles(info, self.num_envs)[copy]
+
+    def _render_one(self, copy: int) -> NDArray[np.uint8] | None:
+        return None if self.env.render_mode is None else self.env.frame(copy)
+
+    def _witness_of(self, copy: int) -> NDArray[np.float32]:
+        return self.env.witness(copy)
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """No copy is wrapped."""
@@ -139,9 +172,7 @@ def _singles(info: dict[str, Any], count: int) -> list[dict[str, Any]]:
     for name, value in info.items():
         if name.startswith(("_", "final_")):
             continue
-        entries = _singles(value, count) if isinstance(value, dict) else value.tolist()
-        present = info[f"_{name}"].tolist()
-        for single, entry, there in zip(result, entries, present, strict=True):
+        for single, entry, there in zip(result, value.tolist(), info[f"_{name}"].tolist(), strict=True):
             if there:
                 single[name] = entry
     return result

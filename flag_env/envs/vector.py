@@ -6,6 +6,7 @@ in the single environment, whatever their number and the number of threads.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -16,13 +17,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from flag_env.control.base import CONTROL_STEP
-from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, Settings
-from flag_env.envs.flag import RENDER_MODES, checked_render_mode, chosen_target
+from flag_env import _validate
+from flag_env.control import CONTROL_STEP
+from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, FlagConfig
+from flag_env.envs.flag import checked_options, checked_render_mode, chosen_target
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView, GoalView, goal_reward
-from flag_env.physics import Scene, Simulator, validate
-from flag_env.tasks.targets import Targets
+from flag_env.physics import Scene, Simulator
+from flag_env.tasks import Targets
+
+RENDER_MODES = ("rgb_array",)
 
 
 class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
@@ -61,22 +65,23 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         height: int = 480,
         accuracy: str | float | None = None,
     ) -> None:
-        self.num_envs = validate.count("num_envs", num_envs)
-        self.max_episode_steps = validate.count("max_episode_steps", max_episode_steps)
+        self.num_envs = _validate.count("num_envs", num_envs)
+        self.max_episode_steps = _validate.count("max_episode_steps", max_episode_steps)
         modes = {mode.value: mode for mode in AutoresetMode}
         is_mode = isinstance(autoreset_mode, AutoresetMode)
-        self.autoreset_mode = autoreset_mode if is_mode else modes[validate.choice("autoreset_mode", autoreset_mode, modes)]
-        reward = self.view.rewards[0] if reward is None else validate.choice("reward", reward, self.view.rewards)
-        self.render_mode = checked_render_mode(render_mode)
+        self.autoreset_mode = autoreset_mode if is_mode else modes[_validate.choice("autoreset_mode", autoreset_mode, modes)]
+        reward = self.view.rewards[0] if reward is None else _validate.choice("reward", reward, self.view.rewards)
+        self.render_mode = checked_render_mode(render_mode, RENDER_MODES)
         self.metadata = {
             "render_modes": list(RENDER_MODES),
             "render_fps": round(1 / CONTROL_STEP),
             "autoreset_mode": self.autoreset_mode,
         }
-        self._batch = FlagBatch(Settings(control, level, split, scene, tolerance, accuracy), num_envs, threads)
+        config = FlagConfig(control, level, split, scene, tolerance, accuracy)
+        self._batch = FlagBatch(config, num_envs, threads, episode_steps=self.max_episode_steps)
         self._view = self.view(self._batch, reward)
         self._picture = Picture(width, height)
-        self._rngs: list[np.random.Generator | None] = [None] * num_envs
+        self._rngs: list[tuple[np.random.Generator, int] | None] = [None] * num_envs
         self._ended = np.ones(num_envs, bool)
         self.single_observation_space = self._view.space()
         self.single_action_space = spaces.Box(-1.0, 1.0, (self._batch.control.size,), np.float32)
@@ -98,6 +103,20 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """Target positions [m], shape (num_envs, layers, rows, cols, 3)."""
         return np.array(self._batch.target)
 
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]  # one a flag, as SyncVectorEnv has
+        """Each flag's generator."""
+        return tuple(self._rng(copy)[0] for copy in range(self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What each flag's generator was seeded with."""
+        return tuple(self._rng(copy)[1] for copy in range(self.num_envs))
+
+    def witness(self, copy: int) -> NDArray[np.float32]:
+        """Actions (75, size) that reach the present target of one flag from the start."""
+        return self._batch.witness(copy)
+
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
@@ -109,16 +128,17 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
             One number (copy i gets seed + i), one for each copy, or None.
         options
             {"reset_mask": bool array (num_envs,) of the copies to reset, "target": number of a target}, both optional.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If one of them is not as told; nothing has changed then.
         """
-        options = dict(options or {})
+        options = checked_options(options)
         mask = self._mask(options.pop("reset_mask", None))
         target = chosen_target(options, len(self._batch.library))
         seeds = self._seeds(seed)
-        which = np.flatnonzero(mask)
-        for copy in which:
-            if seeds[copy] is not None:
-                self._rngs[copy] = seeding.np_random(seeds[copy])[0]
-        self._start(which, target)
+        self._start(np.flatnonzero(mask), target, seeds)
         return self._view.observe(), self._info(mask)
 
     def step(
@@ -136,15 +156,14 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         observation = self._view.observe()
         terms = self._view.terms(batch.before, batch.distance, observation)
         terminated, truncated = batch.diverged.copy(), batch.elapsed >= self.max_episode_steps
-        stepped = ~self._ended
         if len(waiting):
             for result in (terminated, truncated, *terms.values()):
                 result[waiting] = 0
-            self._start(waiting, None)
+            self._start(waiting)
             observation = self._view.observe()
         reward: Any = sum(terms.values())
         self._ended = terminated | truncated
-        info = self._info(None, stepped, terms)
+        info = self._info(terms=terms)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._ended.any():
             observation, info = self._same_step_reset(observation, info)
         return observation, reward, terminated, truncated, info
@@ -153,7 +172,11 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         """A frame of each flag with `render_mode="rgb_array"`, else None."""
         if self.render_mode is None:
             return None
-        return tuple(self._picture.draw(self._batch, copy) for copy in range(self.num_envs))
+        return tuple(self.frame(copy) for copy in range(self.num_envs))
+
+    def frame(self, copy: int) -> NDArray[np.uint8]:
+        """A frame of one flag, shape (height, width, 3)."""
+        return self._picture.draw(self._batch, copy)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the renderer."""
@@ -161,14 +184,21 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         if hasattr(self, "_picture"):  # Gymnasium also closes what was never made, because its arguments were refused
             self._picture.close()
 
-    def _start(self, which: NDArray[np.intp], target: int | None) -> None:
-        for copy in which:
-            if self._rngs[copy] is None:
-                self._rngs[copy] = seeding.np_random()[0]
-        count = len(self._batch.library)
-        chosen = [int(self._rngs[copy].integers(count)) if target is None else target for copy in which]
-        self._batch.reset(which.tolist(), chosen)
+    def _start(self, which: NDArray[np.intp], target: int | None = None, seeds: Sequence[int | None] = ()) -> None:
+        """Start episodes of these flags, with new generators for those that have seeds."""
+        copies = which.tolist()
+        fresh = {copy: seeding.np_random(seeds[copy]) for copy in copies if seeds and seeds[copy] is not None}
+        rngs = {copy: fresh.get(copy) or self._rng(copy) for copy in copies}
+        self._batch.start(copies, [rngs[copy][0] for copy in copies], target)
+        for copy, rng in fresh.items():
+            self._rngs[copy] = rng
         self._ended[which] = False
+
+    def _rng(self, copy: int) -> tuple[np.random.Generator, int]:
+        """A flag's generator and what it was seeded with."""
+        if (rng := self._rngs[copy]) is None:
+            rng = self._rngs[copy] = seeding.np_random()
+        return rng
 
     def _same_step_reset(self, observation: Any, info: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         """Reset what has ended; its last observation and info go into `final_obs` and `final_info`."""
@@ -177,37 +207,30 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         for copy in np.flatnonzero(ended).tolist():
             final_obs[copy] = self._view.observation(copy)
         final_info = _masked(info, ended)
-        self._start(np.flatnonzero(ended), None)
+        self._start(np.flatnonzero(ended))
         fresh = self._info()
         live = {
             name: np.where(ended, fresh[name], value) if isinstance(value, np.ndarray) and name[0] != "_" else value
             for name, value in info.items()
         }
-        live["reward_terms"] = _masked(info["reward_terms"], ~ended)
         live |= {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended}
         return self._view.observe(), live
 
-    def _info(
-        self,
-        mask: NDArray[np.bool_] | None = None,
-        stepped: NDArray[np.bool_] | None = None,
-        terms: dict[str, NDArray[np.float64]] | None = None,
-    ) -> dict[str, Any]:
-        """Infos as arrays (num_envs,) of flags in `mask`, or of all, each with its mask; reward terms of those in `stepped`."""
-        batch, there = self._batch, np.ones(self.num_envs, bool) if mask is None else mask.copy()
+    def _info(self, mask: NDArray[np.bool_] | None = None, terms: dict[str, NDArray[np.float64]] | None = None) -> dict[str, Any]:
+        """Infos as arrays (num_envs,) of flags in `mask`, or of all, each with its mask; no reward without `terms`."""
+        batch, there = self._batch, np.ones(self.num_envs, bool) if mask is None else mask
+        values: dict[str, NDArray[Any]] = {
+            "distance": batch.distance,
+            "is_success": batch.success,
+            "diverged": batch.diverged,
+            "target": batch.target_index,
+        }
+        for name in self._view.no_terms:
+            values[f"reward_{name}"] = np.zeros(self.num_envs) if terms is None else terms[name]
         result: dict[str, Any] = {}
-        for name, value in (
-            ("distance", batch.distance),
-            ("is_success", batch.success),
-            ("diverged", batch.diverged),
-            ("target", batch.target_index),
-        ):
+        for name, value in values.items():
             result[name] = value.copy() if mask is None else np.where(mask, value, np.zeros((), value.dtype))
             result[f"_{name}"] = there.copy()
-        result["reward_terms"] = dict(terms or {})
-        if stepped is not None:
-            result["reward_terms"] |= {f"_{name}": stepped.copy() for name in result["reward_terms"]}
-        result["_reward_terms"] = there
         return result
 
     def _mask(self, mask: Any) -> NDArray[np.bool_]:
@@ -222,11 +245,14 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        if isinstance(seed, (int, np.integer)):
-            return [int(seed) + copy for copy in range(self.num_envs)]
+        if isinstance(seed, np.ndarray):
+            seed = seed.tolist()
+        if not isinstance(seed, Sequence) or isinstance(seed, str):
+            first = _validate.count("seed", seed, minimum=0, maximum=math.inf)
+            return [first + copy for copy in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise ValueError(f"seed must be one number or {self.num_envs}, got {len(seed)}")
-        return list(seed)
+        return [None if one is None else _validate.count("seed", one, minimum=0, maximum=math.inf) for one in seed]
 
 
 class FlagGoalVectorEnv(FlagVectorEnv):
@@ -242,12 +268,7 @@ class FlagGoalVectorEnv(FlagVectorEnv):
 
 def _masked(info: dict[str, Any], mask: NDArray[np.bool_]) -> dict[str, Any]:
     """The entries of an info dictionary where `mask` holds; zero elsewhere."""
-    result: dict[str, Any] = {}
-    for name, value in info.items():
-        if isinstance(value, dict):
-            result[name] = _masked(value, mask)
-        elif name.startswith("_"):
-            result[name] = value & mask
-        else:
-            result[name] = np.where(mask, value, np.zeros((), value.dtype))
-    return result
+    return {
+        name: value & mask if name.startswith("_") else np.where(mask, value, np.zeros((), value.dtype))
+        for name, value in info.items()
+    }

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from flag_env.envs.batch import LIMIT, FlagBatch
-from flag_env.tasks.reward import REWARDS
+from flag_env.tasks import REWARDS
 
 Numbers = Any  # float, or NDArray[np.float64]
 Observation = Any
@@ -22,7 +22,8 @@ class FlatView:
     rewards: ClassVar[tuple[str, ...]] = tuple(REWARDS)
 
     def __init__(self, batch: FlagBatch, reward: str) -> None:
-        self.batch, self._terms, self._tolerance = batch, REWARDS[reward], batch.settings.tolerance
+        self.batch, self._terms, self._tolerance = batch, REWARDS[reward], batch.config.tolerance
+        self.no_terms: dict[str, float] = dict.fromkeys(self._terms(0.0, 0.0, self._tolerance), 0.0)
 
     def space(self) -> spaces.Space[Any]:
         """Space of one flag's observation."""
@@ -85,8 +86,25 @@ class GoalView(FlatView):
         return self._terms(distance, distance, self._tolerance)
 
 
-def goal_reward(view: GoalView, achieved: NDArray[Any], desired: NDArray[Any]) -> Any:
-    """Reward of one pair of goals (a float) or of many (an array)."""
+def goal_reward(view: GoalView, achieved_goal: NDArray[Any], desired_goal: NDArray[Any]) -> Any:
+    """Reward of one pair of goals (a float) or of many (an array).
+
+    Raises
+    ------
+    TypeError, ValueError
+        Unless both goals are finite numbers (..., 3 nodes) of the same shape.
+    """
+    achieved, desired = np.asarray(achieved_goal), np.asarray(desired_goal)
+    size = 3 * len(view.batch.nodes)
+    for name, goal in (("achieved_goal", achieved), ("desired_goal", desired)):
+        if goal.dtype.kind not in "iuf":
+            raise TypeError(f"{name} must be an array of numbers, got dtype {goal.dtype}")
+        if goal.shape[-1:] != (size,):
+            raise ValueError(f"{name} must have the shape (..., {size}), got {goal.shape}")
+        if not np.isfinite(goal).all():
+            raise ValueError(f"{name} must be finite, got {goal[~np.isfinite(goal)][0]}")
+    if achieved.shape != desired.shape:
+        raise ValueError(f"desired_goal must have the shape of achieved_goal, {achieved.shape}, got {desired.shape}")
     reward = sum(view.goal_terms(achieved, desired).values())
     return float(reward) if np.ndim(reward) == 0 else reward
 

@@ -7,6 +7,9 @@ holds the flag within half the tolerance for the last ten steps. Splits never sh
 
 from __future__ import annotations
 
+import hashlib
+import zipfile
+import zlib
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import as_file, files
@@ -19,6 +22,9 @@ from numpy.typing import NDArray
 SPLITS = ("train", "validation", "test")
 SIZES = {"train": 768, "validation": 128, "test": 128}
 """Number of targets of each split."""
+
+PARTS = ("witnesses", "wind", "positions")
+"""Arrays that a library file has of each split; besides, `spans`, `seed` and a digest of each split."""
 
 QUANTUM = 2.0**-12
 """Resolution of the stored positions [m]."""
@@ -64,10 +70,46 @@ def load_targets(control: str, level: str, split: str) -> Targets:
 
 
 def read_targets(path: Path, split: str) -> Targets:
-    """One split of a library file."""
-    with np.load(path) as data:
-        witnesses, wind = data[f"{split}_witnesses"], data[f"{split}_wind"]
-        return Targets(witnesses, data["spans"], wind, decode(data[f"{split}_positions"]))
+    """One split of a library file.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged, not whole, or not what its digest was made of.
+    """
+    seed, arrays = _read(path, (*(f"{split}_{name}" for name in PARTS), "spans", f"{split}_digest"))
+    *parts, spans, noted = arrays
+    if str(noted) != digest(seed, split, *parts, spans):
+        raise ValueError(f"{path} must hold {split} targets that fit its digest, got others; build it anew with flag-env targets")
+    witnesses, wind, positions = parts
+    return Targets(witnesses, spans, wind, decode(positions))
+
+
+def read_seed(path: Path) -> int:
+    """The seed that a library file was built from; a ValueError as from `read_targets`."""
+    return _read(path, ())[0]
+
+
+def digest(seed: int, split: str, *arrays: NDArray[Any]) -> str:
+    """Hexadecimal digest of a split: its seed, and its arrays (`PARTS`, then the spans) with their types and shapes."""
+    found = hashlib.sha256(f"{seed} {split}".encode())
+    for array in arrays:
+        found.update(f" {array.dtype.str} {array.shape} ".encode())
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()
+
+
+def _read(path: Path, names: tuple[str, ...]) -> tuple[int, list[NDArray[Any]]]:
+    """Seed and arrays of a file."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
+            return int(data["seed"]), [data[name] for name in names]
+    except FileNotFoundError:
+        raise
+    except (OSError, KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        raise ValueError(
+            f"{path} must be a whole library of targets, got {error}; build it anew with flag-env targets"
+        ) from error
 
 
 def encode(positions: NDArray[np.float64]) -> NDArray[np.int16]:

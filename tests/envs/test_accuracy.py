@@ -8,10 +8,11 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import flag_env  # noqa: F401
-from flag_env.envs.batch import DEFAULT_SCENE, Settings
+from flag_env.envs import batch
+from flag_env.envs.batch import DEFAULT_SCENE, FlagConfig
 from flag_env.envs.sb3 import FlagSB3VecEnv
-from flag_env.physics import presets
-from flag_env.physics.integrators import LFAB, RK4
+from flag_env.physics import describe, presets, tune
+from flag_env.physics.integrators import RK4
 
 IDS = ("Flag-v0", "FlagGoal-v0", "FlagGoalDense-v0")
 
@@ -24,8 +25,8 @@ def episode(env, target=1):
 def test_the_default_is_balanced_to_the_bit():
     """1 mm in one second asks for no more than the shipped targets' scene either."""
     for accuracy in (None, "balanced", 1e-3):
-        assert Settings(accuracy=accuracy).resolved_scene() == DEFAULT_SCENE
-    assert presets.flag(10, 16).tuned("balanced") == DEFAULT_SCENE
+        assert FlagConfig(accuracy=accuracy).resolved_scene() == DEFAULT_SCENE
+    assert tune(presets.flag(10, 16), "balanced", multiple_of=0.04) == DEFAULT_SCENE
     assert same(episode(gymnasium.make("Flag-v0")), episode(gymnasium.make("Flag-v0", accuracy="balanced")))
 
 
@@ -63,16 +64,17 @@ def test_witnesses_succeed_at_every_accuracy(accuracy, control):
 
 def test_a_scene_is_taken_as_it_is_unless_told():
     scene = presets.flag(10, 16, stiffness=200.0)
-    taken, tuned = Settings(scene=scene).resolved_scene(), Settings(scene=scene, accuracy="reference").resolved_scene()
+    taken, tuned = FlagConfig(scene=scene).resolved_scene(), FlagConfig(scene=scene, accuracy="reference").resolved_scene()
     assert (taken.integrator, taken.dtype, taken.effects) == (scene.integrator, scene.dtype, scene.effects)
     assert (tuned.integrator, tuned.dtype, tuned.effects) == (RK4(), "float64", scene.effects)
 
 
 def test_a_tolerance_in_metres_is_kept_on_the_control_step():
-    scene = Settings(accuracy=1e-5).resolved_scene()
-    assert isinstance(scene.integrator, LFAB)
+    scene = FlagConfig(accuracy=1e-5).resolved_scene()
     assert 0.04 / scene.timestep == pytest.approx(round(0.04 / scene.timestep), abs=1e-9)
-    assert scene == presets.flag(10, 16).tuned(1e-5)
+    blown = FlagConfig(accuracy=1e-5).resolved_scene().adding(*batch.blown(DEFAULT_SCENE).effects)
+    assert blown == tune(batch.blown(DEFAULT_SCENE), 1e-5, multiple_of=0.04)
+    assert describe(blown).error <= 1e-5
 
 
 def test_stable_baselines_takes_it():

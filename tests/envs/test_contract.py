@@ -79,13 +79,43 @@ def test_reward_terms_sum_to_the_reward(make):
     for reward in REWARDS[make.env_id]:
         for _, value, _, _, info in episode(make(reward=reward), 2, steps=20)[1:]:
             assert type(value) is float
-            assert value == sum(info["reward_terms"].values())
+            assert value == sum(term for name, term in info.items() if name.startswith("reward_"))
+
+
+def test_infos_are_flat_and_alike_from_the_reset_on(make):
+    for reward, terms in (("shaped", {"in_tolerance", "approach"}), ("dense", {"distance"}), ("sparse", {"miss"})):
+        if reward not in REWARDS[make.env_id]:
+            continue
+        first, *rest = (entry[4] for entry in episode(make(reward=reward), 2, steps=3))
+        kinds = {name: type(value) for name, value in first.items()}
+        rewards = {f"reward_{term}": float for term in terms}
+        assert kinds == {"distance": float, "is_success": bool, "diverged": bool, "target": int, **rewards}
+        assert not any(first[name] for name in rewards)
+        for info in rest:
+            assert {name: type(value) for name, value in info.items()} == kinds
+            assert list(info) == list(first)
+
+
+@pytest.mark.parametrize("split", ["train", "validation", "test"])
+def test_the_witness_reaches_the_present_target(make, split):
+    env = make(split=split)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.unwrapped.witness()
+    for options in ({"target": 1}, None):
+        env.reset(seed=12, options=options)
+        actions = env.unwrapped.witness()
+        assert actions.shape == (75, *env.action_space.shape)
+        assert actions.dtype == np.float32
+        for action in actions:
+            *_, truncated, info = env.step(action)
+        assert truncated
+        assert info["is_success"]
 
 
 def test_shaped_reward_telescopes():
     """Discounted by 0.98, the potential-based terms leave only the potential's ends."""
     trace = episode(gymnasium.make("Flag-v0"), 4)
-    approach = [entry[4]["reward_terms"]["approach"] for entry in trace[1:]]
+    approach = [entry[4]["reward_approach"] for entry in trace[1:]]
     total = sum(0.98**step * value for step, value in enumerate(approach))
     ends = 3 * (trace[0][4]["distance"] - 0.98**75 * trace[-1][4]["distance"])
     assert total == pytest.approx(ends, rel=1e-12)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import flag_env  # noqa: F401
-from flag_env.studies.report import machine
+from flag_env._files import machine
 
 PATH = Path(__file__).with_name("digests.json")
 CASES = list(itertools.product(("Flag-v0", "FlagGoal-v0", "FlagGoalDense-v0"), ("wind", "mast"), ("calm", "breeze")))

@@ -23,6 +23,8 @@ from flag_env.physics import effects, presets
         ({"tolerance": 0.0}, ValueError, r"tolerance must be finite and > 0, got 0.0"),
         ({"tolerance": "5 %"}, TypeError, r"tolerance must be a number, got '5 %'"),
         ({"scene": "curtain"}, ValueError, r"scene must be one of 'flag'.*, got 'curtain'"),
+        ({"scene": presets.flag(5, 8, length=120.0)}, ValueError, r"scene must fit into 100 m, got .* 120.004 m"),
+        ({"scene": presets.flag(5, 8, length=80.0, height=80.0)}, ValueError, r"scene must fit into 100 m, got .* 113.137 m"),
         ({"scene": presets.sheet(5, 8)}, ValueError, r"scene must have three dimensions.* got dimensions=2"),
         ({"scene": presets.flag(5, 8).without(effects.CosineWind)}, ValueError, r"scene must hold a wind.* its effects: Gravity"),
         ({"scene": presets.flag(5, 8, pinned="none"), "control": "mast"}, ValueError, r"scene must pin particles .*'none'"),
@@ -34,11 +36,18 @@ def test_bad_arguments_are_named(kwargs, error, message):
         gymnasium.make("Flag-v0", **kwargs)
 
 
-@pytest.mark.parametrize("options", [{"goal": 1}, {"target": -1}, {"target": 10**6}, {"target": "first"}, {"target": True}])
+@pytest.mark.parametrize(
+    "options",
+    [{"goal": 1}, {"target": -1}, {"target": 10**6}, {"target": "first"}, {"target": True}, 5, ["target"], "target", {3: 4}],
+)
 def test_bad_reset_options_are_named(options):
     env = gymnasium.make("Flag-v0").unwrapped
-    with pytest.raises(ValueError, match=r"options"):
-        env.reset(options=options)
+    env.reset(seed=3)
+    generator = env.np_random.bit_generator.state
+    with pytest.raises((ValueError, TypeError), match=r"options"):
+        env.reset(seed=4, options=options)
+    assert env.np_random.bit_generator.state == generator
+    assert env.np_random_seed == 3
 
 
 def test_step_before_reset_is_refused():
@@ -70,6 +79,7 @@ def _make():
     return gymnasium.make("Flag-v0", split="validation")
 
 
+@pytest.mark.linux
 @pytest.mark.parametrize("method", ["fork", "spawn"])
 def test_worker_processes_after_kernels_ran_here(method):
     """Threads of the parent do not exist in a forked child; its results are those of this process."""
@@ -84,6 +94,7 @@ def test_worker_processes_after_kernels_ran_here(method):
     assert same((observation[1], after[1]), expected)
 
 
+@pytest.mark.linux
 @pytest.mark.parametrize("method", ["fork", "forkserver"])
 def test_sb3_worker_processes_after_kernels_ran_here(method):
     single = _make()

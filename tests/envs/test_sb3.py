@@ -10,7 +10,7 @@ from stable_baselines3 import PPO, SAC, HerReplayBuffer
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import flag_env  # noqa: F401
-from flag_env.envs.batch import Settings
+from flag_env.envs.batch import FlagConfig
 from flag_env.envs.sb3 import FlagSB3VecEnv
 from flag_env.envs.vector import FlagVectorEnv
 
@@ -66,7 +66,7 @@ def test_takes_every_argument_of_the_vector_environment():
         2, "FlagGoal-v0", max_episode_steps=7, threads=1, control="mast", level="calm", split="test", scene="two_layer_flag",
         tolerance=0.04, reward="dense", render_mode="rgb_array", width=64, height=48, accuracy="fast",
     )  # fmt: skip
-    assert env.env._batch.settings == Settings("mast", "calm", "test", "two_layer_flag", 0.04, "fast")
+    assert env.env._batch.config == FlagConfig("mast", "calm", "test", "two_layer_flag", 0.04, "fast")
     env.reset()
     assert [frame.shape for frame in env.get_images()] == [(48, 64, 3)] * 2
     steps = [env.step(np.zeros((2, 5), np.float32)) for _ in range(7)]
@@ -106,6 +106,83 @@ def test_attributes_are_those_of_single_environments():
     for name in ("library", "observation_space", "action_space", "render_mode"):
         assert ours.get_attr(name) == theirs.get_attr(name)
     assert not np.array_equal(*ours.get_attr("target", indices=[0, 2]))
+
+
+def test_methods_act_on_the_flags_named_alone():
+    """As SB3's own vector of single environments has it: what the other flags do afterwards is as if nothing had been called."""
+    ours, untouched = FlagSB3VecEnv(3, render_mode="rgb_array", width=32, height=24), FlagSB3VecEnv(3)
+    theirs = DummyVecEnv([lambda: gymnasium.make("Flag-v0", render_mode="rgb_array", width=32, height=24)] * 3)
+    action = np.full((3, 3), 0.5, np.float32)
+    for env in (ours, theirs, untouched):
+        env.seed(4)
+        env.reset()
+        env.step(action)
+    for indices in ([1], 1, [2, 0]):
+        frames = ours.env_method("render", indices=indices)
+        assert same(frames, theirs.env_method("render", indices=indices))
+        assert all(frame.shape == (24, 32, 3) for frame in frames)
+    assert same(ours.env_method("witness", indices=[1]), [theirs.envs[1].unwrapped.witness()])
+    options = {"target": 5}
+    for arguments in ({}, {"seed": 8, "options": options}):
+        assert same(ours.env_method("reset", indices=[1], **arguments), theirs.env_method("reset", indices=[1], **arguments))
+    mine, other, plain = (env.step(action) for env in (ours, theirs, untouched))
+    for part in range(4):
+        assert same(mine[part], other[part])
+        assert same([mine[part][copy] for copy in (0, 2)], [plain[part][copy] for copy in (0, 2)])
+    assert options == {"target": 5}
+
+
+def test_methods_that_flags_cannot_take_one_by_one_are_refused():
+    env = FlagSB3VecEnv(3)
+    env.reset()
+    for name in ("step", "close", "compute_reward", "fly"):
+        with pytest.raises(AttributeError, match=f"method_name must be one of reset, render, .* got '{name}'"):
+            env.env_method(name, indices=[1])
+    before = env.env.simulator.time
+    with pytest.raises(ValueError, match="options"):
+        env.env_method("reset", indices=[1], options={"reset_mask": np.ones(3, bool)})
+    assert env.env.simulator.time == before
+
+
+def test_a_refused_reset_of_flags_with_options_of_their_own_changes_nothing():
+    env, untouched = FlagSB3VecEnv(3), FlagSB3VecEnv(3)
+    for one in (env, untouched):
+        one.seed(1)
+        one.reset()
+    env.set_options([{"target": 1}, {}, {"target": -4}])
+    with pytest.raises(ValueError, match="target"):
+        env.reset()
+    action = np.ones((3, 3), np.float32)
+    assert same(env.step(action), untouched.step(action))
+
+
+def test_seeds_of_single_flags():
+    env = FlagSB3VecEnv(3)
+    env.seed(4)
+    env.reset()
+    assert env.get_attr("np_random_seed", indices=[2, 0]) == [6, 4]
+
+
+@pytest.mark.parametrize(
+    ("achieved", "desired", "error", "name"),
+    [
+        (np.zeros((15, 3)), np.zeros((15, 3)), ValueError, "achieved_goal"),
+        (np.zeros((4, 44)), np.zeros((4, 44)), ValueError, "achieved_goal"),
+        (np.zeros((4, 45)), np.zeros(45), ValueError, "desired_goal"),
+        (np.zeros((4, 45)), np.zeros((5, 45)), ValueError, "desired_goal"),
+        (np.zeros(45), np.zeros(15), ValueError, "desired_goal"),
+        (0.0, 0.0, ValueError, "achieved_goal"),
+        (np.full(45, np.nan), np.zeros(45), ValueError, "achieved_goal"),
+        (np.zeros(45), np.full(45, np.inf), ValueError, "desired_goal"),
+        (np.zeros(45, complex), np.zeros(45), TypeError, "achieved_goal"),
+        (np.zeros(45), np.zeros(45).astype(str), TypeError, "desired_goal"),
+        (None, np.zeros(45), TypeError, "achieved_goal"),
+    ],
+)
+def test_goals_that_are_none_are_refused_by_name(achieved, desired, error, name):
+    for env in (gymnasium.make("FlagGoal-v0").unwrapped, FlagSB3VecEnv(2, "FlagGoalDense-v0").env):
+        with pytest.raises(error, match=name):
+            env.compute_reward(achieved, desired, {})
 
 
 def test_unknown_id_is_named():

@@ -1,7 +1,6 @@
 """Environments under fire: any actions, any order of calls, many episodes; no bad number, no surprise, no growing memory."""
 
 import itertools
-import resource
 
 import gymnasium
 import numpy as np
@@ -135,10 +134,13 @@ TestAnyOrder = AnyOrder.TestCase
 
 
 def resident():
+    import resource
+
     with open("/proc/self/statm") as file:  # noqa: PTH123
         return int(file.read().split()[1]) * resource.getpagesize() / 2**20
 
 
+@pytest.mark.linux
 @pytest.mark.parametrize(
     ("episodes", "frames"),
     [(400, 40), pytest.param(100_000, 0, marks=pytest.mark.slow), pytest.param(0, 10_000, marks=pytest.mark.slow)],

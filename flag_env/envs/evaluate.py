@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from flag_env.physics.jit import cached, entry_point
+from flag_env.physics.compiling import cached, entry_point
 
 
-def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, actuators: Any,
-          room: float, fastest: float, diagonal: float, unit: float, tolerance: float, hold: int, steps: int, limit: float,
-          elapsed: Any, held: Any, before: Any, distance: Any, success: Any, diverged: Any,
+def _evaluate_step(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, actuators: Any,
+          largest_coordinate: float, largest_speed: float, diagonal: float, unit: float, tolerance: float, hold: int,
+          steps: int, limit: float, elapsed: Any, held: Any, before: Any, distance: Any, success: Any, diverged: Any,
           out: Any, stepped: bool, first: int, last: int) -> None:  # fmt: skip
     """Look at the flags `first <= copy < last` after a step; see `FlagBatch` for what the arrays hold.
 
@@ -31,8 +31,8 @@ def _look(x: Any, v: Any, last_x: Any, last_v: Any, target: Any, nodes: Any, act
     for copy in range(first, last):
         bad, square = 0, 0.0
         for i in range(x.shape[1]):
-            bad += not (abs(x[copy, i]) <= room)  # true of NaN too
-            bad += not (abs(v[copy, i]) <= fastest)
+            bad += not (abs(x[copy, i]) <= largest_coordinate)  # true of NaN too
+            bad += not (abs(v[copy, i]) <= largest_speed)
             difference = x[copy, i] - target[copy, i]
             square += difference * difference
         if stepped:
@@ -68,7 +68,7 @@ _NUMBERS = np.zeros(1, np.int64)
 
 
 @cache
-def look() -> Callable[..., None]:
+def evaluate_step() -> Callable[..., None]:
     """`_look`, compiled and kept on disk.
 
     All arrays are contiguous: positions, velocities, targets, actuators and distances in float64, numbers of nodes and of steps
@@ -77,4 +77,4 @@ def look() -> Callable[..., None]:
     yes, numbers = np.zeros(1, bool), (0.0, 0.0, 0.0, 0.0, 0.0, 1, 1, 0.0)
     state = (_NUMBERS, _NUMBERS, _FLAT, _FLAT, yes, yes)
     arguments = (*[_ROWS] * 5, _NUMBERS, _ROWS, *numbers, *state, np.zeros((1, 3), np.float32), True, 0, 1)
-    return entry_point(cached(_look, frozenset({Path(__file__)})), arguments)
+    return entry_point(cached(_evaluate_step, frozenset({Path(__file__)})), arguments)
