@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+from importlib import import_module
 from pathlib import Path
+from typing import Any, Literal
+
+from flag_env._files import check_folder
 
 
 def targets(output: Path = Path(__file__).parent / "tasks" / "data", seed: int = 0, quick: bool = False) -> None:
-    """Build the library of target poses, replay every witness and write the files.
+    """Build the library of target poses, replay every witness, and only then put the files in their place.
 
     Args:
         output: folder of the files.
@@ -18,20 +23,61 @@ def targets(output: Path = Path(__file__).parent / "tasks" / "data", seed: int =
 
     from flag_env.control import CONTROLS
     from flag_env.envs import certify
-    from flag_env.envs.batch import LEVELS, Settings
-    from flag_env.tasks.targets import SIZES, SPLITS, read_targets
+    from flag_env.envs.batch import LEVELS
+    from flag_env.tasks import SIZES, read_seed
 
-    for control in CONTROLS:
-        for level in LEVELS:
-            path = output / f"{control}_{level}.npz"
-            if not quick:
-                with tqdm(total=sum(SIZES.values()), desc=f"{control} {level}") as bar:
-                    certify.save(path, certify.build(control, level, seed, bar.update))
-            for split in SPLITS:
-                worst = max(certify.check(Settings(control, level, split), read_targets(path, split)))
-                print(f"{path.name} {split:10}: {SIZES[split]} targets, worst distance {100 * worst:.2f} % of the diagonal")
-                if worst >= certify.STEADY:
-                    sys.exit(f"a witness of {path} does not reach its target")
+    if seed < 0:
+        sys.exit(f"error: seed must be at least 0, got {seed}")
+    named = {f"{control}_{level}.npz": (control, level) for control in CONTROLS for level in LEVELS}
+    if quick:
+        missing = [name for name in named if not (output / name).is_file()]
+        if missing:
+            sys.exit(f"error: output must hold a library of targets, got {output}, which lacks {', '.join(missing)}")
+        try:
+            seeds = {read_seed(output / name) for name in named}
+        except ValueError as error:
+            sys.exit(f"error: {error}")
+        if len(seeds) > 1:
+            sys.exit(f"error: output must hold a library of one seed, got {output} with {sorted(seeds)}")
+        for name, task in named.items():
+            _replay(output / name, *task)
+        return
+    _check_folder(output)
+    try:
+        with certify.swapped(output) as folder:
+            for name, task in named.items():
+                with tqdm(total=sum(SIZES.values()), desc=" ".join(task)) as bar:
+                    certify.save(folder / name, certify.build(*task, seed, bar.update), seed)
+                _replay(folder / name, *task)
+    except FileExistsError as error:
+        sys.exit(f"error: {error.filename} is there: another build is at work, or was killed; if none is at work, remove it")
+    except KeyboardInterrupt:
+        sys.exit(f"interrupted; {output} is as it was")
+
+
+def _replay(path: Path, control: str, level: str) -> None:
+    """Replay the witnesses of a library file; end the command if one does not reach its target."""
+    from flag_env.envs import certify
+    from flag_env.envs.batch import FlagConfig
+    from flag_env.tasks import SPLITS, read_targets
+
+    for split in SPLITS:
+        try:
+            library = read_targets(path, split)
+        except ValueError as error:
+            sys.exit(f"error: {error}")
+        worst = max(certify.check(FlagConfig(control, level, split), library))
+        print(f"{path.name} {split:10}: {len(library)} targets, worst distance {100 * worst:.2f} % of the diagonal")
+        if worst >= certify.MAX_DRIFT:
+            sys.exit(f"error: a witness of {path} does not reach its target")
+
+
+def _check_folder(output: Path) -> None:
+    """End the command, before any work, if its results could not be written."""
+    try:
+        check_folder("output", output)
+    except ValueError as error:
+        sys.exit(f"error: {error}")
 
 
 def speed(output: Path = Path("runs/speed"), quick: bool = False) -> None:
@@ -43,6 +89,7 @@ def speed(output: Path = Path("runs/speed"), quick: bool = False) -> None:
     """
     from flag_env.studies.speed import run
 
+    _check_folder(output)
     run(output, quick)
 
 
@@ -55,6 +102,7 @@ def effects(output: Path = Path("runs/effects"), quick: bool = False) -> None:
     """
     from flag_env.studies.effects import run
 
+    _check_folder(output)
     run(output, quick)
 
 
@@ -67,6 +115,7 @@ def flutter(output: Path = Path("runs/flutter"), quick: bool = False) -> None:
     """
     from flag_env.studies.flutter import run
 
+    _check_folder(output)
     run(output, quick)
 
 
@@ -79,19 +128,111 @@ def stability(output: Path = Path("runs/stability"), quick: bool = False) -> Non
     """
     from flag_env.studies.stability import run
 
+    _check_folder(output)
     run(output, quick)
 
 
-def record(output: Path = Path("runs/scenes"), quick: bool = False) -> None:
-    """Record every preset scene in motion, and a gallery of them.
+def record(
+    scene: str = "all",
+    output: Path = Path("runs/scenes"),
+    seconds: float = 3.0,
+    witness: int | None = None,
+    agent: Path | None = None,
+    control: Literal["wind", "mast"] = "wind",
+    level: Literal["calm", "breeze"] = "breeze",
+    target: int = 0,
+    quick: bool = False,
+) -> None:
+    """Record a scene, a witness or an agent as a replay that opens in any browser, or every preset scene.
 
     Args:
-        output: folder for a GIF of each scene and gallery.png.
-        quick: the gallery alone.
+        scene: name of a scene of the live page, such as flag, storm or report-2; all: every one, and a gallery.
+        output: file to write, .html, .gif or .mp4; with "all" a folder for a replay and a GIF of each scene, and gallery.png.
+        seconds: length of a scene.
+        witness: number of a target of the test split, whose witness is recorded instead of a scene.
+        agent: folder of a training, whose agent is recorded instead of a scene.
+        control: control of the witness.
+        level: level of the witness.
+        target: number of the agent's target.
+        quick: with "all" the gallery alone.
     """
-    from flag_env.studies.gallery import run
+    if scene == "all" and witness is None and agent is None:
+        from flag_env.studies.gallery import run
 
-    run(output, quick)
+        _check_folder(output)
+        run(output, quick)
+        return
+    from flag_env.viewer import STAGES, Task, of_episode, of_stage, save
+
+    if agent is not None:
+        task, act = _agent(agent)
+        motion = of_episode(task, "agent", target, act)
+    elif witness is not None:
+        motion = of_episode(Task(control, level), "witness", witness)
+    elif scene in STAGES:
+        motion = of_stage(scene, seconds)
+    else:
+        sys.exit(f"scene must be one of all, {', '.join(STAGES)}, got {scene!r}")
+    name = "agent" if agent is not None else scene if witness is None else f"witness-{witness}"
+    path = output if output.suffix else output / f"{name}.html"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    print(save(motion, path))
+
+
+def play(
+    scene: str = "flag",
+    witness: int | None = None,
+    agent: Path | None = None,
+    control: Literal["wind", "mast"] = "wind",
+    level: Literal["calm", "breeze"] = "breeze",
+    target: int = 0,
+    port: int | None = None,
+    browser: bool = True,
+) -> None:
+    """Fly a flag in the browser: move sliders and the mast while it flies, or watch and play the environment's episodes.
+
+    Args:
+        scene: name of the scene that flies first, such as flag, two-layer, storm, rope, sheet, report-1, report-2.
+        witness: number of a target of the test split, whose witness is watched first.
+        agent: folder of a training, whose agent is watched first.
+        control: control of the task.
+        level: level of the task.
+        target: number of the target that is watched first.
+        port: of this machine; 0: any free one. Not given: 8400, or any free one if that is taken.
+        browser: open the page in a browser.
+    """
+    from flag_env.viewer import STAGES, Session, Task
+    from flag_env.viewer import play as serve
+
+    if scene not in STAGES:
+        sys.exit(f"scene must be one of {', '.join(STAGES)}, got {scene!r}")
+    task, act, watch = Task(control, level), None, None
+    if agent is not None:
+        task, act = _agent(agent)
+        watch = "agent", target
+    elif witness is not None:
+        watch = "witness", witness
+    try:
+        serve(Session(scene, task, act, watch), port, browser)
+    except (ImportError, OSError, ValueError) as error:
+        sys.exit(str(error))
+
+
+def _agent(folder: Path) -> tuple[Any, Any]:
+    """Task and policy of a training's folder; needs the folder `training` of a checkout, and the extra of that name."""
+    from flag_env.viewer import Task
+
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where `training` lies, which is run from the tree
+    try:
+        evaluate = import_module("training.evaluate")
+    except ImportError as error:
+        sys.exit(f'an agent needs a checkout of flag_env and the extra "training": pip install -e ".[training]" ({error})')
+    try:
+        trained, policy = evaluate.load(folder)
+    except FileNotFoundError as error:
+        sys.exit(str(error))
+    task = Task(trained.control, trained.level, trained.env_id, accuracy=trained.accuracy)
+    return task, lambda observation: policy.predict(observation, deterministic=True)[0]
 
 
 def accuracy(output: Path = Path("runs/accuracy"), quick: bool = False) -> None:
@@ -103,6 +244,7 @@ def accuracy(output: Path = Path("runs/accuracy"), quick: bool = False) -> None:
     """
     from flag_env.studies.accuracy import run
 
+    _check_folder(output)
     run(output, quick)
 
 
@@ -112,11 +254,13 @@ def main() -> None:
         import tyro
     except ImportError:
         sys.exit('the flag-env command needs the extra "cli": pip install -e ".[cli]"')
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended by a signal"))  # so that what is half made is removed
     tyro.extras.subcommand_cli_from_dict(
         {
             "accuracy": accuracy,
             "effects": effects,
             "flutter": flutter,
+            "play": play,
             "record": record,
             "speed": speed,
             "stability": stability,

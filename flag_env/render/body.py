@@ -28,7 +28,7 @@ class Body(NamedTuple):
     Attributes
     ----------
         quads: its cells, in no order.
-        outlines: polylines [pixel], each of shape (k, 2), that trace its edge.
+        outlines: polylines [pixel], each of shape (k, 3): x, y, and depth [m], that trace its edge; none of a torn flag.
         shade: points [m], shape (m, 3), that cast the shadow.
     """
 
@@ -37,7 +37,9 @@ class Body(NamedTuple):
     shade: Array
 
 
-def flag_body(camera: Camera, positions: Array, size: float, palette: Palette = CLOTH) -> Body:
+def flag_body(
+    camera: Camera, positions: Array, size: float, palette: Palette = CLOTH, intact: NDArray[np.bool_] | None = None
+) -> Body:
     """Return a lattice as it is drawn: cloth, or ropes if it is one row or one column wide.
 
     Args:
@@ -45,17 +47,24 @@ def flag_body(camera: Camera, positions: Array, size: float, palette: Palette = 
         positions: particle positions [m], shape (layers, rows, cols, 3).
         size: a length [m] that thick things are measured by.
         palette: colours of the cloth; the first also colours a rope.
+        intact: which cells are cloth, shape (layers, rows - 1, cols - 1); None: all are.
     """
     if min(positions.shape[1:3]) < 2:
         return _rope(camera, positions.reshape(len(positions), -1, 3), size, palette)
-    surface = surface_for(*positions.shape[:3], palette)
+    torn = intact is not None and not intact.all()
+    surface = surface_for(*positions.shape[:3], palette, torn)
     vertices = surface.vertices(positions)
     pixels, depth = camera.project(vertices)
     corners = cells_of(pixels)
     colors = shade_cells(vertices, corners, surface.albedo, camera.rotation[2])
     middle = 0.25 * (depth[:, :-1, :-1] + depth[:, :-1, 1:] + depth[:, 1:, 1:] + depth[:, 1:, :-1])
-    outline = pixels[0].reshape(-1, 2)[surface.outline]
-    return Body(Quads(corners, colors, middle.reshape(-1)), [outline], vertices.reshape(-1, 3))
+    quads = Quads(corners, colors, middle.reshape(-1))
+    if intact is not None and torn:
+        cloth = surface.cells(intact)
+        drawn = cloth.ravel()
+        return Body(Quads(corners[drawn], colors[drawn], quads.depth[drawn]), [], vertices[:, 1:, 1:][cloth])
+    outline = np.concatenate([pixels[0].reshape(-1, 2), depth[0].reshape(-1, 1)], axis=1)[surface.outline]
+    return Body(quads, [outline], vertices.reshape(-1, 3))
 
 
 def mast_axis(mast: Array, bounds: Array) -> Array:
@@ -91,5 +100,6 @@ def _rope(camera: Camera, strands: Array, size: float, palette: Palette) -> Body
     outlines = []
     for strand in strands if strands.shape[1] > 1 else []:
         parts.append(tube(camera, strand, np.full(len(strand), 0.45 * radius), palette.first, 3))
-        outlines.append(camera.project(strand)[0])
+        pixels, depth = camera.project(strand)
+        outlines.append(np.concatenate([pixels, depth[:, None]], axis=1))
     return Body(join(parts), outlines, strands.reshape(-1, 3))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from flag_env._files import replacing
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -30,7 +31,7 @@ def write_video(frames: Iterable[Pixels], path: str | os.PathLike[str], fps: flo
 
     Args:
         frames: at least one RGB picture, uint8, shape (height, width, 3), all of one size; read one by one.
-        path: where to write; ends in .gif or .mp4, in an existing directory.
+        path: where to write; ends in .gif or .mp4; its directory is made if it is not there.
         fps: frames per second, > 0. GIF rounds the time between frames to 10 ms, and to no less than 20 ms.
     """
     path = Path(path)
@@ -40,11 +41,8 @@ def write_video(frames: Iterable[Pixels], path: str | os.PathLike[str], fps: flo
     if not (np.isfinite(fps) and fps > 0):
         raise ValueError(f"fps is {fps!r}; allowed is a finite number > 0")
     write = _write_gif if suffix == ".gif" else _write_mp4
-    # Beside the target, since a rename is atomic only within one file system.
-    with tempfile.TemporaryDirectory(prefix=f".{path.stem}-", dir=path.parent) as folder:
-        partial = Path(folder) / f"video{suffix}"
+    with replacing(path) as partial:
         write(_checked(frames), partial, float(fps))
-        partial.replace(path)
     return path
 
 

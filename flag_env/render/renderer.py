@@ -10,6 +10,7 @@ from flag_env.render.camera import Camera
 from flag_env.render.layer import Layer
 from flag_env.render.overlay import GREEN, Overlay
 from flag_env.render.scenery import Shadow, backdrop
+from flag_env.render.shading import Quads
 from flag_env.render.snapshot import Snapshot
 from flag_env.render.solids import join
 from flag_env.render.surface import Palette
@@ -23,14 +24,14 @@ _GHOST = Palette((0.40, 0.53, 0.80), (0.47, 0.60, 0.86), (0.78, 0.86, 0.98), (0.
 _REACHED = Palette((0.25, 0.66, 0.43), (0.34, 0.73, 0.50), (0.74, 0.95, 0.82), (0.74, 0.95, 0.82))
 _GHOST_EDGE = (0.20, 0.33, 0.66)
 _GHOST_OPACITY = 0.50
+_EDGE_WIDTH = 1.3  # pixels
 _FARTHEST = 1e4  # m; positions of a diverged flag are drawn no farther out than this
 
 
 class Renderer:
     """Draws snapshots off screen; no window, no pyplot.
 
-    The first frame of a view box paints the backdrop, which later frames copy; so does the first frame of
-    a target with its ghost.
+    The first frame of a view box paints the backdrop, which later frames copy.
     """
 
     def __init__(self, width: int = 480, height: int = 480) -> None:
@@ -45,6 +46,7 @@ class Renderer:
         self._overlay = Overlay(self.width, self.height)
         self._scene_key: object = None
         self._ghost_key: object = None
+        self._ghost: Quads | None = None
         self._mast_key: object = None
 
     def draw(self, snapshot: Snapshot) -> Pixels:
@@ -53,19 +55,20 @@ class Renderer:
         if layer is None:
             raise ValueError("the renderer is closed; make a new one")
         self._set_scene(layer, snapshot)
-        self._set_still(layer, snapshot)
         bounds, camera = snapshot.bounds, self._camera
         size = float(np.linalg.norm(bounds[1] - bounds[0])) / 3.0
         positions = np.clip(snapshot.positions, -_FARTHEST, _FARTHEST)
+        self._set_ghost(snapshot, size)
         self._set_mast(snapshot, size)
-        flag = flag_body(camera, positions, size)
+        flag = flag_body(camera, positions, size, intact=snapshot.intact)
 
-        layer.pixels[...] = self._still
+        layer.pixels[...] = self._backdrop
         self._shadow.draw(layer, camera, float(bounds[0, 2]), np.concatenate([flag.shade, self._mast_shade]))
         scene = join([self._mast, flag.quads])
-        layer.quads(scene.corners, scene.colors)
-        for outline in self._ghost_outlines:
-            layer.line(outline, GREEN if snapshot.success else _GHOST_EDGE, 1.3, 0.75)
+        if self._ghost is None:
+            layer.quads(scene.corners, scene.colors)
+        else:
+            self._draw_with_ghost(layer, scene, self._ghost)
         self._overlay.draw_moving(layer, snapshot, camera)
         frame = np.empty((self.height, self.width, 3), dtype=np.uint8)
         for channel in range(3):  # four times as fast as copying pixels[..., :3]
@@ -75,7 +78,7 @@ class Renderer:
     def close(self) -> None:
         """Free the buffers; further calls do nothing."""
         self._layer = None
-        for name in ("_scratch", "_shadow", "_backdrop", "_still"):
+        for name in ("_scratch", "_shadow", "_backdrop"):
             self.__dict__.pop(name, None)
 
     def _set_scene(self, layer: Layer, snapshot: Snapshot) -> None:
@@ -99,28 +102,41 @@ class Renderer:
         self._mast_shade = ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0])
         self._mast_key = key
 
-    def _set_still(self, layer: Layer, snapshot: Snapshot) -> None:
-        """Draw the ghost on the backdrop anew when the target changes."""
+    def _set_ghost(self, snapshot: Snapshot, size: float) -> None:
+        """Shape the ghost anew when the target changes."""
         target = snapshot.target
         key = (None,) if target is None else (target.shape, target.tobytes(), snapshot.success)
         if key == self._ghost_key:
             return
-        self._ghost_key = key
-        self._ghost_outlines: list[Array] = []
-        layer.pixels[...] = self._backdrop
+        self._ghost_key, self._ghost = key, None
         if target is not None:
-            self._draw_ghost(layer, snapshot, target)
-        self._still = layer.pixels.copy()
+            palette, edge = (_REACHED, GREEN) if snapshot.success else (_GHOST, _GHOST_EDGE)
+            ghost = flag_body(self._camera, np.clip(target, -_FARTHEST, _FARTHEST), size, palette)
+            self._ghost = join([ghost.quads, *(_strokes(outline, edge, 0.01 * size) for outline in ghost.outlines)])
 
-    def _draw_ghost(self, layer: Layer, snapshot: Snapshot, target: Array) -> None:
-        size = float(np.linalg.norm(snapshot.bounds[1] - snapshot.bounds[0])) / 3.0
-        palette = _REACHED if snapshot.success else _GHOST
-        ghost = flag_body(self._camera, np.clip(target, -_FARTHEST, _FARTHEST), size, palette)
-        self._ghost_outlines = ghost.outlines
-        # Drawn opaque on its own and faded as a whole, so that its folds do not show through each other.
-        self._scratch.clear()
-        quads = join([ghost.quads])
-        self._scratch.quads(quads.corners, quads.colors)
-        faded = self._scratch.pixels
-        faded[..., 3] = faded[..., 3] * _GHOST_OPACITY
-        layer.image(0, 0, faded)
+    def _draw_with_ghost(self, layer: Layer, scene: Quads, ghost: Quads) -> None:
+        """Draw the scene, and over it, faded, a picture of the scene with the ghost in it.
+
+        Where the ghost is hidden the two are the same, so that only what is seen of it tints the picture, once however it folds.
+        """
+        pixels = ghost.corners.reshape(-1, 2)
+        left, bottom = np.clip(pixels.min(axis=0) - 3, 0, (self.width, self.height)).astype(int)
+        right, top = np.clip(pixels.max(axis=0) + 4, 0, (self.width, self.height)).astype(int)
+        box = slice(self.height - top, self.height - bottom), slice(left, right)
+        self._scratch.pixels[box] = layer.pixels[box]
+        layer.quads(scene.corners, scene.colors)
+        whole = join([scene, ghost])
+        self._scratch.quads(whole.corners, whole.colors)
+        under, over = layer.pixels[box][..., :3], self._scratch.pixels[box][..., :3]
+        under[...] = under + _GHOST_OPACITY * (over.astype(np.float32) - under)
+
+
+def _strokes(outline: Array, color: tuple[float, float, float], nearer: float) -> Quads:
+    """A polyline (k, 3) of pixels and depths [m] as thin quads, so that it hides and is hidden; drawn `nearer` [m] than it is."""
+    along = outline[1:, :2] - outline[:-1, :2]
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    side = 0.5 * _EDGE_WIDTH * np.stack([-along[:, 1], along[:, 0]], axis=1)
+    first, second = outline[:-1, :2], outline[1:, :2]
+    corners = np.stack([first - side, second - side, second + side, first + side], axis=1)
+    depth = 0.5 * (outline[:-1, 2] + outline[1:, 2]) - nearer
+    return Quads(corners, np.tile(np.asarray(color, np.float64), (len(corners), 1)), depth)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +23,8 @@ _LINE_WIDTH = 0.012  # m
 _HAZE = 1.6  # the ground fades into the horizon over this many distances of the box
 _GRID = 0.5  # m between the lines on the ground
 
+_BAND = 2**18  # pixels of the backdrop that are painted at once
+
 _SHRINK = 6  # the shadow's blur hides a lower resolution, which touches 36 times fewer pixels
 _BLUR = 1.3  # pixels of the small picture
 _REACH = 4  # pixels of the small picture that the blur spreads over
@@ -38,7 +42,17 @@ def backdrop(camera: Camera, bounds: Array, width: int, height: int) -> Pixels:
         width: width of the picture [pixel].
         height: height of the picture [pixel].
     """
-    x, y = np.meshgrid(np.arange(width) + 0.5, height - np.arange(height) - 0.5)
+    rgba = np.full((height, width, 4), 255, dtype=np.uint8)
+    band = max(1, _BAND // width)
+    for top in range(0, height, band):  # whole pictures of numbers would take gigabytes
+        rows = np.arange(top, min(top + band, height))
+        rgba[top : top + len(rows), :, :3] = _band(camera, bounds, rows, width, height)
+    return rgba
+
+
+def _band(camera: Camera, bounds: Array, rows: NDArray[Any], width: int, height: int) -> Pixels:
+    """Sky and ground of some rows of the picture, RGB, shape (rows, width, 3)."""
+    x, y = np.meshgrid(np.arange(width) + 0.5, height - rows - 0.5)
     rays = np.stack([(x - camera.centre[0]) / camera.focal, (y - camera.centre[1]) / camera.focal, np.ones_like(x)], -1)
     rays = rays @ camera.rotation
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -60,9 +74,7 @@ def backdrop(camera: Camera, bounds: Array, width: int, height: int) -> Pixels:
     color = np.where(rays[..., 2:] < -1e-4, ground, sky)
     middle = np.hypot((x / width - 0.5), (y / height - 0.5))[..., None]
     color *= 1.0 - 0.16 * np.clip(middle - 0.25, 0.0, 1.0)
-    rgba = np.full((height, width, 4), 255, dtype=np.uint8)
-    rgba[..., :3] = np.round(255.0 * np.clip(color, 0.0, 1.0))
-    return rgba
+    return np.asarray(np.round(255.0 * np.clip(color, 0.0, 1.0)), dtype=np.uint8)
 
 
 class Shadow:

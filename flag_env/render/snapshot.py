@@ -30,6 +30,8 @@ class Snapshot:
         success: whether the flag is within tolerance of the target; turns the ghost green.
         distance: distance to the target as a fraction of the flag's diagonal; None draws no gauge.
         tolerance: distance at which the gauge carries its mark; None draws no mark.
+        intact: which cells of the lattice are cloth, shape (layers, rows - 1, cols - 1); the others are torn and not
+            drawn; None: all are cloth.
     """
 
     positions: Array
@@ -41,6 +43,7 @@ class Snapshot:
     success: bool = False
     distance: float | None = None
     tolerance: float | None = None
+    intact: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Copy, check and freeze every field."""
@@ -53,6 +56,8 @@ class Snapshot:
         _set(self, "positions", positions)
         _set(self, "bounds", bounds)
         _set(self, "mast", _frozen("mast", self.mast, (2, 3)))
+        if self.intact is not None:
+            _set(self, "intact", _mask("intact", self.intact, (positions.shape[0], *(n - 1 for n in positions.shape[1:3]))))
         if self.target is not None:
             _set(self, "target", _frozen("target", self.target, positions.shape))
         if self.wind is not None:
@@ -81,6 +86,17 @@ def _frozen(name: str, value: ArrayLike, shape: tuple[int, ...] | None = None) -
     if not finite.all():
         where = tuple(int(i) for i in np.argwhere(~finite)[0])
         raise ValueError(f"{name} is {array[where]} at index {where}; allowed are finite numbers")
+    array.setflags(write=False)
+    return array
+
+
+def _mask(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return a read-only copy of `value`; raise ValueError unless it is of booleans and of `shape`."""
+    array = np.array(value)
+    if array.dtype != np.bool_:
+        raise ValueError(f"{name} has dtype {array.dtype}; allowed is bool")
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {array.shape}; allowed is {shape}")
     array.setflags(write=False)
     return array
 

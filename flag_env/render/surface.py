@@ -1,4 +1,4 @@
-"""A cloth lattice as a finer, smooth, coloured surface."""
+"""A cloth lattice as a finer, coloured surface: smooth, or where it is torn, every cell for itself."""
 
 from __future__ import annotations
 
@@ -39,11 +39,18 @@ class Surface:
         albedo: colour of each cell's two faces, RGB from 0 to 1, shape (2, n, 3); the first faces -y.
     """
 
-    def __init__(self, layers: int, rows: int, cols: int, palette: Palette) -> None:
-        """Prepare the surface of a lattice with at least two rows and two columns."""
+    def __init__(self, layers: int, rows: int, cols: int, palette: Palette, torn: bool) -> None:
+        """Prepare the surface of a lattice with at least two rows and two columns.
+
+        If it is `torn`, each of the lattice's cells is as many drawn cells, and their vertices depend on its corners alone.
+        """
         down, along = _resolution(layers, rows, cols)
-        self._down = _catmull_rom(rows, down + 1)
-        self._along = np.ascontiguousarray(_catmull_rom(cols, along + 1).T)
+        if torn:
+            down, along = (max(1, round(n / cells)) * cells for n, cells in ((down, rows - 1), (along, cols - 1)))
+        interpolation = _linear if torn else _catmull_rom
+        self._repeats = down // (rows - 1), along // (cols - 1)
+        self._down = interpolation(rows, down + 1)
+        self._along = np.ascontiguousarray(interpolation(cols, along + 1).T)
         edge = np.arange((down + 1) * (along + 1)).reshape(down + 1, along + 1)
         self.outline = np.concatenate([edge[0], edge[1:, -1], edge[-1, -2::-1], edge[-2::-1, 0]])
         pattern = np.broadcast_to(_pattern(down, along, palette), (layers, down, along, 3)).reshape(-1, 3)
@@ -62,6 +69,10 @@ class Surface:
         fine = self._down @ np.moveaxis(positions, -1, 0) @ self._along
         return np.ascontiguousarray(np.moveaxis(fine, 0, -1))
 
+    def cells(self, intact: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return which drawn cells of a torn surface are cloth, shape (layers, up, along), from those of its lattice."""
+        return intact.repeat(self._repeats[0], axis=1).repeat(self._repeats[1], axis=2)
+
 
 def cells_of(grid: Array) -> Array:
     """Return the corners, anticlockwise seen from -y, shape (n, 4, k), of a grid's cells.
@@ -77,9 +88,9 @@ def cells_of(grid: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def surface_for(layers: int, rows: int, cols: int, palette: Palette = CLOTH) -> Surface:
+def surface_for(layers: int, rows: int, cols: int, palette: Palette = CLOTH, torn: bool = False) -> Surface:
     """Return the surface of a lattice, made once per shape."""
-    return Surface(layers, rows, cols, palette)
+    return Surface(layers, rows, cols, palette, torn)
 
 
 def _resolution(layers: int, rows: int, cols: int) -> tuple[int, int]:
@@ -90,6 +101,12 @@ def _resolution(layers: int, rows: int, cols: int) -> tuple[int, int]:
     down = round((rows - 1) * max(factor / NARROWING, most))
     along = round((cols - 1) * max(factor * NARROWING, most))
     return max(1, down), max(1, along)
+
+
+def _linear(count: int, samples: int) -> Array:
+    """Return the matrix (samples, count) of linear interpolation between equally spaced values."""
+    at = np.linspace(0.0, count - 1.0, samples)
+    return np.asarray(np.maximum(1.0 - np.abs(at[:, None] - np.arange(count)), 0.0))
 
 
 def _catmull_rom(count: int, samples: int) -> Array:

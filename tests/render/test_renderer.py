@@ -47,6 +47,27 @@ def test_frame_shows_each_change(renderer, make, changes):
     assert np.any(renderer.draw(make()) != renderer.draw(make(**changes)))
 
 
+def test_torn_cells_are_left_out_and_no_others(make):
+    """In the middle of a torn cell the frame shows what stands behind the flag; in that of an intact one, the flag."""
+    renderer, camera = Renderer(320, 240), Camera.framing(BOUNDS, 320, 240)
+    corners = lattice(wave=0.05)
+    intact = np.random.default_rng(0).random((1, 9, 15)) < 0.6
+    middles = 0.25 * (corners[:, :-1, :-1] + corners[:, :-1, 1:] + corners[:, 1:, 1:] + corners[:, 1:, :-1])
+    pixels = camera.project(middles)[0].reshape(-1, 2)
+    nothing = renderer.draw(make(positions=corners, intact=np.zeros_like(intact)))
+    for kept in (intact, np.ones_like(intact)):
+        frame = renderer.draw(make(positions=corners, intact=kept))
+        seen = np.array([np.any(frame[239 - int(y), int(x)] != nothing[239 - int(y), int(x)]) for x, y in pixels])
+        np.testing.assert_array_equal(seen, kept.ravel())
+    np.testing.assert_array_equal(renderer.draw(make()), renderer.draw(make(intact=np.ones_like(intact))))
+
+
+@pytest.mark.parametrize("shape", [(1, 2, 2), (2, 3, 5), (1, 30, 80), (1, 1, 6)])
+def test_any_torn_lattice_is_drawn(renderer, make, shape):
+    intact = np.random.default_rng(0).random((shape[0], shape[1] - 1, shape[2] - 1)) < 0.5
+    renderer.draw(make(positions=lattice(*shape), intact=intact, target=lattice(*shape)))
+
+
 def test_frame_shows_wind_distance_tolerance_and_success(renderer, make):
     base = {"target": lattice(wave=-0.2), "wind": [2.0, 0, 0], "wind_scale": 5.0, "distance": 0.2}
     frame = renderer.draw(make(**base))

@@ -23,6 +23,11 @@ def test_arrays_are_copied_and_read_only(make):
         assert array.dtype == np.float64
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
+    intact = np.ones((1, 9, 15), bool)
+    snapshot = make(intact=intact)
+    intact[:] = False
+    assert snapshot.intact.all()
+    assert not snapshot.intact.flags.writeable
     with pytest.raises(dataclasses.FrozenInstanceError):
         snapshot.success = True
 
@@ -44,6 +49,8 @@ def test_arrays_are_copied_and_read_only(make):
         ({"distance": -1.0}, "distance.*-1.0.*>= 0"),
         ({"distance": np.nan}, "distance.*nan"),
         ({"tolerance": 0.0}, "tolerance.*0.0.*> 0"),
+        ({"intact": np.ones((1, 10, 16), bool)}, r"intact.*\(1, 10, 16\).*\(1, 9, 15\)"),
+        ({"intact": np.ones((1, 9, 15))}, "intact.*float64.*bool"),
     ],
 )
 def test_refuses_with_the_name_the_value_and_what_is_allowed(make, changes, words):

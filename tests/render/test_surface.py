@@ -35,6 +35,23 @@ def test_goes_through_the_particles_and_is_capped():
     assert len(surface_for(1, 300, 300).albedo[0]) <= 1.1 * MOST_CELLS
 
 
+@pytest.mark.parametrize("shape", [(1, 2, 2), (1, 10, 16), (2, 5, 3)])
+def test_where_it_is_torn_a_cell_depends_on_its_corners_alone(shape):
+    layers, rows, cols = shape
+    surface = surface_for(*shape, torn=True)
+    positions = lattice(*shape)
+    intact = np.random.default_rng(0).random((layers, rows - 1, cols - 1)) < 0.5
+    corners = np.zeros(shape, bool)
+    for down in (0, 1):
+        for right in (0, 1):
+            corners[:, down : rows - 1 + down, right : cols - 1 + right] |= intact
+    moved = np.where(corners[..., None], positions, 1e6)
+    drawn = surface.cells(intact).ravel()
+    before, after = (cells_of(surface.vertices(x))[drawn] for x in (positions, moved))
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-9)
+    assert drawn.mean() == intact.mean()
+
+
 def test_cells_count_and_order():
     grid = lattice(2, 3, 4)
     cells = cells_of(grid)
