@@ -16,12 +16,13 @@ import torch
 import tyro
 from tqdm import tqdm
 
+from flag_env._files import check_file, machine, read_json, write_json
 from flag_env.studies import report
 from flag_env.studies.timing import fastest
 from training.baselines import Zero
+from training.benchmark import check_seeds
 from training.environments import Task, evaluation_envs
 from training.evaluate import evaluate, load
-from training.files import read_json, versions, write_json
 from training.rollouts import Agent
 from training.train import Arguments, run
 
@@ -42,6 +43,13 @@ class Comparison:
     """Seeds to train with."""
     results: Path = Path(__file__).parent / "results" / "accuracy_cost.json"
     """JSON file to write."""
+
+    def __post_init__(self) -> None:
+        check_seeds(self.seeds)
+        for name in ("trained_on", "evaluated_on"):
+            if not getattr(self, name):
+                raise ValueError(f"{name} must be one or more accuracies, got none")
+        check_file("results", self.results, (".json",))
 
 
 def compare(arguments: Comparison) -> dict[str, Any]:
@@ -72,7 +80,7 @@ def compare(arguments: Comparison) -> dict[str, Any]:
         "rows": rows,
         "speed": speeds(task, arguments.evaluated_on),
         "hyperparameters": example["hyperparameters"],
-        "versions": versions(),
+        "machine": machine(),
     }
 
 
@@ -82,7 +90,7 @@ def speeds(task: Task, accuracies: tuple[Accuracy, ...], count: int = 16, steps:
     def job(accuracy: Accuracy) -> Any:
         envs = evaluation_envs(replace(task, accuracy=accuracy), count, "train")
         envs.reset(seed=0, options={"target": 0})
-        actions = np.zeros(envs.action_space.shape, np.float32)
+        actions = np.zeros_like(envs.action_space.sample())
         return lambda: [envs.step(actions) for _ in range(steps)]
 
     times = fastest({accuracy: job(accuracy) for accuracy in accuracies}, rounds=15)

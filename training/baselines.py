@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from flag_env.control import CONTROLS
-from flag_env.control.mast import LAG, REACH, SPEED
-from flag_env.tasks.targets import load_targets
+from flag_env.control import CONTROLS, MastControl
+from flag_env.tasks import load_targets
 from training.environments import Task
 from training.rollouts import Policy
 
@@ -59,13 +58,14 @@ class Lookup:
 
     def begin(self, targets: NDArray[np.int64]) -> None:
         """Find the witnesses."""
-        self._actions = np.stack([self._train.actions(self._nearest[target]) for target in targets], axis=1)
+        self._actions: Actions = np.stack([self._train.actions(self._nearest[target]) for target in targets], axis=1)
         self._step = 0
 
     def act(self, observations: Observations) -> Actions:
         """Next action of each witness."""
         self._step += 1
-        return self._actions[self._step - 1]
+        now: Actions = self._actions[self._step - 1]
+        return now
 
 
 class PControl:
@@ -86,10 +86,10 @@ class PControl:
 
     def act(self, observations: Observations) -> Actions:
         """Velocity towards the goal, foreseeing what the actuator's lag adds to it."""
-        state = observations[:, -1 - 2 * len(REACH) : -1]  # the mast's pose and velocity, before the time left
+        state = observations[:, -1 - 2 * len(MastControl.reach) : -1]  # the mast's pose and velocity, before the time left
         pose, velocity = np.split(state, 2, axis=1)
-        error = self._goal - (pose * REACH + LAG * velocity * SPEED)
-        return np.clip(self.GAIN * error / SPEED, -1, 1).astype(np.float32)
+        error = self._goal - (pose * MastControl.reach + MastControl.lag * velocity * MastControl.speed)
+        return np.clip(self.GAIN * error / MastControl.speed, -1, 1).astype(np.float32)
 
 
 BASELINES: dict[str, Callable[[Task, str], Policy]] = {

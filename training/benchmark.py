@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import tyro
 
-from training.files import read_json, write_json
-from training.train import Arguments, run
+from flag_env import _validate
+from flag_env._files import check_file, read_json, write_json
+from training.train import LARGEST_SEED, Arguments, run
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -30,11 +31,23 @@ class Benchmark:
     results: Path | None = None
     """JSON file to write. None: training/results/<control>_<level>_<algo>.json."""
 
+    def __post_init__(self) -> None:
+        check_seeds(self.seeds)
+        check_file("results", self.path, (".json",))
+
     @property
     def path(self) -> Path:
         """JSON file to write."""
         training = self.training
         return self.results or RESULTS / f"{training.control}_{training.level}_{training.algo}.json"
+
+
+def check_seeds(seeds: tuple[int, ...]) -> None:
+    """Raise a ValueError unless there are seeds, each of which a training takes, and no two alike."""
+    if not seeds or len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds must be one or more, no two alike, got {seeds}")
+    for seed in seeds:
+        _validate.count("seeds", seed, 0, LARGEST_SEED)
 
 
 def benchmark(arguments: Benchmark) -> dict[str, Any]:
@@ -61,7 +74,7 @@ def benchmark(arguments: Benchmark) -> dict[str, Any]:
         "mean": mean,
         "baselines": {name: result for name, result in evaluation["policies"].items() if name != "agent"},
         "hyperparameters": description["hyperparameters"],
-        "versions": description["versions"],
+        "machine": description["machine"],
         "date": datetime.now(UTC).date().isoformat(),
     }
 

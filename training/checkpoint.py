@@ -20,7 +20,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.vec_env import VecMonitor
 
-from training.files import write_bytes
+from flag_env._files import write_bytes
 
 KEPT = 2
 """Checkpoints that stay; the older ones are removed."""
@@ -53,14 +53,23 @@ def paths(folder: Path) -> list[Path]:
 
 
 def load(folder: Path, algorithm: type[BaseAlgorithm], device: str) -> tuple[BaseAlgorithm, dict[str, Any]] | None:
-    """Model, and what the callbacks had gathered, of the newest checkpoint that can be read; None if there is none."""
-    for path in reversed(paths(folder)):
+    """Model, and what the callbacks had gathered, of the newest checkpoint that can be read; None if there is none.
+
+    Raises
+    ------
+    ValueError
+        If there are checkpoints, but none that can be read.
+    """
+    found = paths(folder)
+    for path in reversed(found):
         try:
             content = pickle.loads(path.read_bytes())
-        except (EOFError, pickle.UnpicklingError) as error:
-            warnings.warn(f"{path} cannot be read ({error}); trying the one before it", stacklevel=2)
+        except Exception as error:  # a damaged pickle may raise anything
+            warnings.warn(f"{path} cannot be read ({error!r}); trying the one before it", stacklevel=2)
             continue
         return restore(content, algorithm, device), content["gathered"]
+    if found:
+        raise ValueError(f"none of the {len(found)} checkpoints in {folder} can be read; begin anew with --overwrite")
     return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium
 from gymnasium.vector import VectorEnv
@@ -28,12 +29,12 @@ class Task:
         name = self.env_id if default else f"{self.env_id}-{self.control}-{self.level}"
         return name if self.accuracy == Task.accuracy else f"{name}-{self.accuracy}"
 
-    def make(self, split: str, **keywords: object) -> gymnasium.Env:
+    def make(self, split: str, **keywords: Any) -> gymnasium.Env:
         """One environment."""
         return gymnasium.make(self.env_id, split=split, **self.arguments, **keywords)
 
     @property
-    def arguments(self) -> dict[str, str | float]:
+    def arguments(self) -> dict[str, Any]:
         """Arguments of the environment besides the split."""
         return {"control": self.control, "level": self.level, "accuracy": self.accuracy}
 

@@ -18,11 +18,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
 
+from flag_env import _validate
+from flag_env._files import check_file, read_json, write_json
 from flag_env.envs.batch import HOLD_STEPS
-from flag_env.tasks.targets import SIZES
+from flag_env.tasks import SIZES, SPLITS
 from training.baselines import BASELINES
+from training.command import refusals
 from training.environments import Task, evaluation_envs, learning_envs
-from training.files import read_json, write_json
 from training.hyperparameters import Hyperparameters
 from training.rollouts import TOLERANCES, Agent, Policy, rollout, summary
 
@@ -34,7 +36,8 @@ WIDTH = 64
 
 def evaluate(policies: dict[str, Policy], task: Task, split: str, episodes: int | None = None) -> dict[str, Any]:
     """The content of `evaluation.json`: each policy's summary over the first `episodes` targets of a split (None: all)."""
-    targets = range(SIZES[split] if episodes is None else min(episodes, SIZES[split]))
+    _validate.choice("split", split, SPLITS)
+    targets = range(SIZES[split] if episodes is None else _validate.count("episodes", episodes, 1, SIZES[split]))
     envs = evaluation_envs(task, min(WIDTH, len(targets)), split)
     results = {name: summary(rollout(policy, envs, targets)) for name, policy in policies.items()}
     envs.close()
@@ -74,7 +77,8 @@ def load(folder: Path) -> tuple[Task, BasePolicy]:
     kind = algorithm.policy_aliases[hyper.policy]
     policy = kind(envs.observation_space, envs.action_space, lambda _: 0.0, **hyper.keywords().get("policy_kwargs", {}))
     envs.close()
-    policy.load_state_dict(weights["policy"])
+    state: Any = weights["policy"]
+    policy.load_state_dict(state)
     policy.set_training_mode(False)
     return task, policy
 
@@ -100,14 +104,22 @@ def main(
         output: JSON file to write as well.
     """
     torch.set_num_threads(1)
-    loaded = {folder.name: load(folder) for folder in runs}
+    with refusals():
+        if output is not None:
+            check_file("output", output, (".json",))
+        if len({folder.name for folder in runs}) < len(runs):
+            raise ValueError(f"runs must have names that differ, got {', '.join(map(str, runs))}")
+        if not runs and not baselines:
+            raise ValueError("runs and baselines must name at least one policy, got none")
+        loaded = {folder.name: load(folder) for folder in runs}
     tasks = {task if accuracy is None else replace(task, accuracy=accuracy) for task, _ in loaded.values()}
     tasks = tasks or {Task(control=control, level=level, accuracy=Task.accuracy if accuracy is None else accuracy)}
     if len(tasks) > 1:
         raise SystemExit(f"runs must be of one task, got {', '.join(sorted(task.name for task in tasks))}")
     task = tasks.pop()
     policies: dict[str, Policy] = {name: Agent(model) for name, (_, model) in loaded.items()}
-    policies |= {name: BASELINES[name](task, split) for name in baselines}
+    with refusals():
+        policies |= {name: BASELINES[name](task, split) for name in baselines}
     result = evaluate(policies, task, split)
     if output is not None:
         write_json(output, result)

@@ -11,6 +11,8 @@ import yaml
 from stable_baselines3.common.utils import LinearSchedule
 from torch import nn
 
+from flag_env import _validate
+
 FOLDER = Path(__file__).parent / "hyperparams"
 
 
@@ -50,13 +52,37 @@ def shipped(algo: str, control: str) -> Path:
 
 
 def read(path: Path, env_id: str, total_timesteps: int | None = None, n_envs: int | None = None) -> Hyperparameters:
-    """The entry of an environment in a hyperparameter file; numbers that are given take the place of the file's."""
-    entries = yaml.safe_load(path.read_text(encoding="utf-8"))
-    if env_id not in entries:
-        raise ValueError(f"env_id must be one of {', '.join(entries)}, which have hyperparameters in {path}, got {env_id!r}")
+    """The entry of an environment in a hyperparameter file; numbers that are given take the place of the file's.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read, has no entry for the environment, or one that lacks a number or has a bad one.
+    """
+    try:
+        entries = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f"hyperparameters must be a YAML file, got {path} ({error})") from error
+    if not isinstance(entries, dict) or not isinstance(entries.get(env_id), dict):
+        known = ", ".join(map(str, entries)) if isinstance(entries, dict) else "none"
+        raise ValueError(f"env_id must be one of {known}, which have hyperparameters in {path}, got {env_id!r}")
     entry = dict(entries[env_id])
-    steps, envs = int(entry.pop("n_timesteps")), int(entry.pop("n_envs", 1))
-    return Hyperparameters(total_timesteps or steps, n_envs or envs, entry.pop("policy"), entry)
+    missing = [name for name in ("n_timesteps", "policy") if name not in entry]
+    if missing:
+        raise ValueError(f"hyperparameters of {env_id} must have {' and '.join(missing)}, got {path} without")
+    steps = _whole(f"n_timesteps in {path}", entry["n_timesteps"]) if total_timesteps is None else total_timesteps
+    envs = _whole(f"n_envs in {path}", entry.get("n_envs", 1)) if n_envs is None else n_envs
+    own = {name: value for name, value in entry.items() if name not in ("n_timesteps", "n_envs", "policy")}
+    return Hyperparameters(_validate.count("total_timesteps", steps), _validate.count("n_envs", envs), entry["policy"], own)
+
+
+def _whole(name: str, value: Any) -> int:
+    """A number of a file, which rl-zoo3 writes as 1e6, as a whole one of at least 1."""
+    try:
+        number = _validate.number(name, value)
+        return _validate.count(name, int(number) if number.is_integer() else number)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
 
 
 def parse_keywords(text: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from training.files import replacing
+from flag_env._files import replacing
 
 INK, MUTED = "#1f2933", "#8a96a3"
 LINES = {"success_5": ("within 5 %", "#0b6e99"), "success_3": ("within 3 %", "#e07a1f")}
@@ -58,4 +58,4 @@ def draw(path: Path, curve: list[dict[str, Any]], baselines: dict[str, dict[str,
         axes.tick_params(colors=INK, length=0)
         axes.legend(frameon=False, fontsize=8, loc="best")
     with replacing(path) as partial:
-        FigureCanvasAgg(figure).print_png(partial)
+        FigureCanvasAgg(figure).print_png(partial)  # type: ignore[no-untyped-call]

@@ -11,8 +11,12 @@ import torch
 import tyro
 from numpy.typing import NDArray
 
+from flag_env import _validate, viewer
+from flag_env._files import check_file
 from flag_env.envs.batch import EPISODE_STEPS
 from flag_env.render import write_video
+from flag_env.tasks import SIZES, SPLITS
+from training.command import refusals
 from training.environments import Task
 from training.evaluate import load
 from training.rollouts import Agent, Policy
@@ -51,9 +55,35 @@ def record(
     every: int = 2,
     size: int = 300,
 ) -> Path:
-    """Write the film as a GIF or MP4, after the suffix of `path`; it plays at the speed of life."""
+    """Write the film as a GIF or MP4, after the suffix of `path`; it plays at the speed of life.
+
+    Raises
+    ------
+    ValueError
+        If an argument is of no use; nothing has been done then.
+    """
+    check(path, split, targets, every, size)
     fps = task.make(split).metadata["render_fps"] / every
     return write_video(frames(policy, task, split, targets, size, every), path, fps)
+
+
+def replay(path: Path, policy: Policy, task: Task, split: str = "test", target: int = 0) -> Path:
+    """Write an episode as an HTML file that opens anywhere."""
+    shown = viewer.Task(task.control, task.level, task.env_id, split, task.accuracy)
+    policy.begin(np.asarray([target]))
+    return viewer.save(viewer.of_episode(shown, "agent", target, lambda observation: policy.act(observation).reshape(-1)), path)
+
+
+def check(path: Path, split: str, targets: Sequence[int], every: int, size: int) -> None:
+    """Raise a ValueError unless a film can be made of these arguments."""
+    check_file("output", path, (".gif", ".mp4"))
+    _validate.choice("split", split, SPLITS)
+    if len(targets) != 4:
+        raise ValueError(f"targets must be four numbers, got {len(targets)}")
+    for target in targets:
+        _validate.count("targets", target, 0, SIZES[split] - 1)
+    _validate.count("every", every)
+    _validate.count("size", size, 2)
 
 
 def _grid(pictures: list[Any]) -> NDArray[np.uint8]:
@@ -85,8 +115,11 @@ def main(
         every: steps between two pictures.
     """
     torch.set_num_threads(1)
-    task, model = load(run)
-    print(record(output or run / "agent.gif", Agent(model), task, split, targets, every, size))
+    with refusals():
+        path = output or run / "agent.gif"
+        check(path, split, targets, every, size)
+        task, model = load(run)
+    print(record(path, Agent(model), task, split, targets, every, size))
 
 
 if __name__ == "__main__":

@@ -11,13 +11,21 @@ from __future__ import annotations
 import json
 import os
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import tyro
 
+from flag_env import _validate
+from flag_env._files import check_folder
+from flag_env.control import CONTROLS
+from flag_env.envs.batch import LEVELS
+from training.lock import held
+
 LEARNING_RATE = 2e-3
+MINIBATCH = 400
 
 
 @dataclass(frozen=True)
@@ -45,6 +53,16 @@ class Arguments:
     resume: bool = False
     """Go on from the folder's checkpoint."""
 
+    def __post_init__(self) -> None:
+        _validate.choice("control", self.control, CONTROLS)
+        _validate.choice("level", self.level, LEVELS)
+        _validate.count("runners", self.runners, 0)
+        _validate.count("envs_per_runner", self.envs_per_runner)
+        _validate.count("iterations", self.iterations)
+        _validate.count("batch", self.batch, MINIBATCH)
+        _validate.count("seed", self.seed, 0)
+        check_folder("output", self.output)
+
 
 def config(arguments: Arguments) -> Any:
     """RLlib's configuration: PPO on the new API stack, with what it takes of training/hyperparams/ppo.yml."""
@@ -61,7 +79,7 @@ def config(arguments: Arguments) -> Any:
             gym_env_vectorize_mode=gymnasium.VectorizeMode.VECTOR_ENTRY_POINT,
         )
         .training(
-            train_batch_size_per_learner=arguments.batch, minibatch_size=400, num_epochs=1, gamma=0.98, lambda_=0.95,
+            train_batch_size_per_learner=arguments.batch, minibatch_size=MINIBATCH, num_epochs=1, gamma=0.98, lambda_=0.95,
             lr=[[0, LEARNING_RATE], [arguments.iterations * arguments.batch, 0.0]],
             entropy_coeff=0.0, clip_param=0.2, vf_clip_param=float("inf"), use_kl_loss=False, grad_clip=0.5,
         )
@@ -104,11 +122,12 @@ def run(arguments: Arguments) -> dict[str, Any]:
     else:
         ray.init(address=arguments.address)
     algorithm = config(arguments).build_algo()
+    holding = ExitStack()
     try:
+        holding.enter_context(held(folder))
         if place.exists():
             algorithm.restore_from_path(str(place))
             _set_learning_rate(algorithm, LEARNING_RATE * max(0.0, 1.0 - algorithm.training_iteration / arguments.iterations))
-        folder.mkdir(parents=True, exist_ok=True)
         line: dict[str, Any] = {}
         while algorithm.training_iteration < arguments.iterations:
             start = time.perf_counter()
@@ -129,6 +148,7 @@ def run(arguments: Arguments) -> dict[str, Any]:
     finally:
         algorithm.stop()
         ray.shutdown()
+        holding.close()
 
 
 if __name__ == "__main__":

@@ -64,6 +64,7 @@ def rollout(policy: Policy, envs: VectorEnv, targets: Sequence[int]) -> NDArray[
 
 def begin(envs: VectorEnv, targets: NDArray[np.int64]) -> NDArray[np.float32]:
     """Start an episode of every environment, each with its own target, and return the observations."""
+    observations: NDArray[np.float32]
     for copy, target in enumerate(targets):
         mask = np.arange(envs.num_envs) == copy
         observations, _ = envs.reset(options={"reset_mask": mask, "target": int(target)})

@@ -6,9 +6,13 @@ The folder of a run, `runs/<task>-<algo>-<seed>/`, receives
     evaluation.json      its success on every target of the validation split, beside that of two policies that do not learn
     learning_curve.json  success on some of them during the training; learning_curve.png shows it
     agent.gif            the agent on four test targets
-    arguments.json       arguments, hyperparameters, versions of the packages, machine
+    arguments.json       arguments, hyperparameters, versions of the packages, machine, earlier totals of an extended run
     tensorboard/         what stable-baselines3 logs
     checkpoints/         the last two; `--resume` goes on from there, to the same bits as without the interruption
+
+One process at a time trains in a folder. A finished run is extended by `--resume` with more `--total-timesteps`: schedules that
+fall over the training then stand where the new total puts them, so that it is another training than one of that total from the
+start.
 
 A checkpoint is a pickle, and loading one runs code: resume only trainings of your own.
 """
@@ -26,18 +30,25 @@ from stable_baselines3.common.callbacks import BaseCallback, ProgressBarCallback
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import VecMonitor
 
-from training import checkpoint, hyperparameters, learning_curve
+from flag_env import _validate
+from flag_env._files import check_folder, read_json, replacing, write_json
+from flag_env.control import CONTROLS
+from flag_env.envs.batch import LEVELS
+from flag_env.physics.accuracy import ACCURACIES
+from flag_env.tasks import SIZES
+from training import checkpoint, hyperparameters, learning_curve, run_folder
 from training.baselines import BASELINES
 from training.callbacks import Checkpoints, Validation
 from training.environments import Task, learning_envs
 from training.evaluate import ALGORITHMS, evaluate, table
-from training.files import read_json, replacing, write_json
-from training.record import record
+from training.record import record, replay
 from training.rollouts import Agent
-from training.run_folder import prepare
 
 CHECKPOINT_EVERY = {"ppo": 0, "sac": 5_000}
 """Least timesteps between two checkpoints; a replay buffer is too large to be written more often."""
+
+LARGEST_SEED = 2**32 - 1
+"""Largest seed that NumPy's global generator takes."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +88,29 @@ class Arguments:
     output: Path = Path("runs")
     """Where the folder of the run is made."""
     resume: bool = False
-    """Go on from the last checkpoint of the same run. Loading it runs code: resume only trainings of your own."""
+    """Go on from the last checkpoint of the same run; a finished one may be given more timesteps. Loading it runs code:
+    resume only trainings of your own."""
     overwrite: bool = False
     """Remove what an earlier run left in the folder."""
+
+    def __post_init__(self) -> None:
+        _validate.choice("algo", self.algo, ALGORITHMS)
+        _validate.choice("control", self.control, CONTROLS)
+        _validate.choice("level", self.level, LEVELS)
+        if isinstance(self.accuracy, str):
+            _validate.choice("accuracy", self.accuracy, ACCURACIES)
+        else:
+            _validate.number("accuracy", self.accuracy, above=0.0)
+        _validate.count("seed", self.seed, 0, LARGEST_SEED)
+        for name in ("total_timesteps", "n_envs"):
+            if getattr(self, name) is not None:
+                _validate.count(name, getattr(self, name))
+        _validate.count("validations", self.validations)
+        _validate.count("validation_episodes", self.validation_episodes, 1, SIZES["validation"])
+        if self.evaluation_episodes is not None:
+            _validate.count("evaluation_episodes", self.evaluation_episodes, 1, SIZES["validation"])
+        if self.resume and self.overwrite:
+            raise ValueError("--resume and --overwrite exclude each other")
 
     @property
     def task(self) -> Task:
@@ -96,7 +127,10 @@ def start(arguments: Arguments, hyper: hyperparameters.Hyperparameters) -> BaseA
     """A model that has learnt nothing yet, in its environments."""
     envs = VecMonitor(learning_envs(arguments.task, hyper.n_envs, "train"))
     algorithm = ALGORITHMS[arguments.algo]
-    return algorithm(hyper.policy, envs, seed=arguments.seed, device=arguments.device, **hyper.keywords())
+    try:
+        return algorithm(hyper.policy, envs, seed=arguments.seed, device=arguments.device, **hyper.keywords())
+    except (AssertionError, AttributeError, RuntimeError, TypeError, ValueError) as error:  # SB3 and PyTorch raise all of these
+        raise ValueError(f"hyperparameters and device must suit {arguments.algo} of stable-baselines3: {error}") from error
 
 
 def run(arguments: Arguments, callbacks: tuple[BaseCallback, ...] = ()) -> dict[str, Any]:
@@ -104,13 +138,24 @@ def run(arguments: Arguments, callbacks: tuple[BaseCallback, ...] = ()) -> dict[
     torch.set_num_threads(1)  # networks this small gain nothing from more, and sums keep their order
     path = arguments.hyperparameters or hyperparameters.shipped(arguments.algo, arguments.control)
     hyper = hyperparameters.read(path, arguments.env_id, arguments.total_timesteps, arguments.n_envs)
-    folder, task = arguments.folder, arguments.task
-    prepare(folder, arguments, hyper)
-    if (folder / "evaluation.json").exists():
-        return read_json(folder / "evaluation.json")
+    folder = check_folder("output", arguments.folder)
+    run_folder.check(folder, arguments, hyper)
+    if arguments.resume and run_folder.finished(folder, hyper.total_timesteps):
+        return read_json(folder / "evaluation.json")  # type: ignore[no-any-return]
+    # All that may be refused is made before the folder, so that a refusal leaves nothing behind.
+    goes_on = arguments.resume and checkpoint.paths(folder / "checkpoints")
+    fresh = None if goes_on else start(arguments, hyper)
+    with run_folder.claimed(folder, arguments, hyper):
+        return _run(arguments, hyper, fresh, callbacks)
 
+
+def _run(
+    arguments: Arguments, hyper: hyperparameters.Hyperparameters, fresh: BaseAlgorithm | None, callbacks: tuple[BaseCallback, ...]
+) -> dict[str, Any]:
+    """Train a fresh model, or the one of the last checkpoint, in a folder that is held, and return `evaluation.json`."""
+    folder, task = arguments.folder, arguments.task
     loaded = checkpoint.load(folder / "checkpoints", ALGORITHMS[arguments.algo], arguments.device) if arguments.resume else None
-    model, gathered = loaded or (start(arguments, hyper), {"curve": [], "seconds": 0.0})
+    model, gathered = loaded or (fresh or start(arguments, hyper), {"curve": [], "seconds": 0.0})
     curve = gathered["curve"]
     every = max(1, hyper.total_timesteps // arguments.validations)
     validation_envs = VecMonitor(learning_envs(task, arguments.validation_episodes, "validation"))
@@ -131,6 +176,7 @@ def run(arguments: Arguments, callbacks: tuple[BaseCallback, ...] = ()) -> dict[
     learning_curve.draw(folder / "learning_curve.png", curve, baselines, title)
     if arguments.record:
         record(folder / "agent.gif", policies["agent"], task)
+        replay(folder / "agent.html", policies["agent"], task)
     write_json(folder / "evaluation.json", result)  # last: it marks the run as finished
     return result
 

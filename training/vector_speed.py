@@ -24,14 +24,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv, VecMonitor
 from tqdm import tqdm
 
-from flag_env.studies.report import machine
+from flag_env import _validate
+from flag_env._files import check_file, machine, write_json
 from flag_env.studies.report import table as markdown
 from training import hyperparameters
 from training.environments import Task, learning_envs
 from training.evaluate import evaluate
-from training.files import write_json
 from training.hyperparameters import FOLDER
 from training.rollouts import Agent
+from training.train import LARGEST_SEED
 
 TASK = Task()
 
@@ -56,6 +57,13 @@ class Arguments:
     """Seed of both trainings."""
     results: Path = Path(__file__).parent / "results" / "vector_speed.json"
     """JSON file to write."""
+
+    def __post_init__(self) -> None:
+        if self.total_timesteps is not None:
+            _validate.count("total_timesteps", self.total_timesteps)
+        _validate.count("seed", self.seed, 0, LARGEST_SEED)
+        hyperparameters.read(self.hyperparameters, TASK.env_id)
+        check_file("results", self.results, (".json",))
 
 
 class Turns(BaseCallback):

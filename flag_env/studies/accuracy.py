@@ -2,9 +2,11 @@
 
 Time: error against a reference solution and wall time of the same run, for every integrator, several timesteps and both dtypes,
 on the environments' flag, also on the coarser lattice of "fast", and three other scenes (`work_precision`, `reference`,
-`energy_budget`), with the accuracy presets of `Scene.tuned`. Space: one flag on
+`energy_budget`), with the accuracy presets of `tune`. Space: one flag on
 ever finer lattices (`refinement`). Horizon: how fast errors grow, and, where they do, what a flag does on average beyond
 (`horizon`).
+
+Promises: what `tune` promises beside what is true (`promises`), with a table, a figure and a file of its own.
 
 Finished parts are kept beside the results; a run that was stopped goes on after them.
 """
@@ -20,9 +22,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from flag_env.physics import Scene
+from flag_env.physics import Scene, tune
 from flag_env.physics.integrators import LFAB, Implicit, Leapfrog, Strang
-from flag_env.studies import accuracy_figure, horizon, refinement, report, work_precision
+from flag_env.studies import accuracy_figure, horizon, promises, promises_figure, refinement, report, work_precision
 from flag_env.studies.accuracy_scenes import ENVIRONMENT, METHODS, scenes, stepped
 from flag_env.studies.parts import Parts
 
@@ -47,17 +49,18 @@ QUICK_SINGLE = ("LFAB", "RK4")
 _NAMED = ("scene", "lattice", "method", "dtype", "share of limit")
 """What tells rows apart."""
 
-_SOURCES = ("accuracy", "accuracy_scenes", "energy_budget", "horizon", "reference", "refinement", "work_precision")
+_SOURCES = ("accuracy", "accuracy_scenes", "energy_budget", "horizon", "promises", "reference", "refinement", "work_precision")
 
 
 def run(output: Path, quick: bool) -> None:
-    """Measure, print the tables, write accuracy.json and accuracy.png."""
+    """Measure, print the tables, write accuracy.json, accuracy.png, promises.json and promises.png."""
     here = Path(__file__).parent
     sources = tuple(here / f"{name}.py" for name in _SOURCES)
     parts = Parts(output / "accuracy.parts.json", sources, quick=quick)
     chosen = {name: scene for name, scene in scenes().items() if name in QUICK_SCENES or not quick}
     sizes = refinement.SIZES[:3] if quick else refinement.SIZES
     with tqdm(desc="accuracy", unit="run", total=0) as bar:
+        kept = _promises(parts, promises.scenes(quick), bar)
         rows = _work(parts, chosen, quick, bar)
         found = _all(parts, bar, {f"lattice {size}": partial(refinement.poses, *size) for size in sizes})
         space = refinement.table(list(found.values()), sizes)
@@ -82,6 +85,8 @@ def run(output: Path, quick: bool) -> None:
     for name, own in presets.items():
         print(f"\npresets on {name}\n{report.table(own)}")
     print(f"\ngusty: at equal wall time the report's scheme is {gain:.0f} times less accurate than LFAB at half its limit")
+    report.write(output, "promises", kept, promises_figure.draw(kept), summary=promises.summary(kept))
+    print(report.table(promises.summary(kept)))
     parts.close()
 
 
@@ -97,11 +102,18 @@ def _all(parts: Parts, bar: Any, jobs: Mapping[str, Callable[[], Any]]) -> dict[
     return results
 
 
+def _promises(parts: Parts, named: list[promises.Named], bar: Any) -> list[dict[str, Any]]:
+    """Rows of promised and true errors."""
+    count = len(named)
+    jobs = {f"promise to {name}": partial(promises.measure, name, scene, i, count) for i, (name, scene) in enumerate(named)}
+    return list(_all(parts, bar, jobs).values())
+
+
 def _work(parts: Parts, chosen: dict[str, Scene], quick: bool, bar: Any) -> list[dict[str, Any]]:
     """Rows of work and precision of all scenes; each says whether it is on its scene's front."""
     shares = work_precision.SHARES[:3] if quick else work_precision.SHARES
     rounds, window = (2, 0.04) if quick else (5, work_precision.TIMES[0])
-    coarse = {name: scene.tuned("fast").replace(dtype="float64") for name, scene in chosen.items()}
+    coarse = {name: tune(scene, "fast").replace(dtype="float64") for name, scene in chosen.items()}
     paths = {f"path of {name}": partial(work_precision.truth, scene) for name, scene in chosen.items()}
     halved = (name for name, scene in coarse.items() if scene.lattice != chosen[name].lattice)
     paths |= {f"path of {name}, fast": partial(work_precision.truth, coarse[name]) for name in halved}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from flag_env.control.wind import FREQUENCY, GAIN, wind_of
+from flag_env.control import WindControl, wind_of
 from flag_env.envs.batch import DEFAULT_SCENE, WIND
 from flag_env.envs.certify import HIDDEN_WIND
 from flag_env.physics import Lattice, Scene, max_timestep
@@ -45,8 +45,8 @@ def scenes() -> dict[str, Scene]:
 
 def _episode() -> Scene:
     """The environments' flag under full action, with the largest hidden wind, from rest; in float64, as the other scenes."""
-    mean, amplitude = (wind_of(DEFAULT_SCENE, part).tolist() for part in (WIND + HIDDEN_WIND["breeze"], GAIN))
-    wind = CosineWind(tuple(amplitude), tuple(FREQUENCY.tolist()), tuple(mean))
+    mean, amplitude = (wind_of(DEFAULT_SCENE, part).tolist() for part in (WIND + HIDDEN_WIND["breeze"], WindControl.gain))
+    wind = CosineWind(tuple(amplitude), tuple(WindControl.frequency.tolist()), tuple(mean))
     return DEFAULT_SCENE.adding(wind).replace(dtype="float64")
 
 

@@ -78,7 +78,7 @@ def measure(name: str, scene: Scene, rounds: int) -> list[dict[str, Any]]:
     whole.step(max(1, round(SECONDS / whole.timestep)) if scene.lattice.dimensions > 1 else 1)
     positions, velocities = whole.positions, whole.velocities
     fixed = scene.replace(timestep=whole.timestep, allow_unstable=True)
-    acts = [hasattr(run, "force") for run in whole._run.effects]
+    acts = [hasattr(run, "force") for run in whole.run.effects]
     forces = [effect for effect, force in zip(scene.effects, acts, strict=True) if force]
     corrections = [effect for effect, force in zip(scene.effects, acts, strict=True) if not force]
     orders = [[*forces, *corrections], [*reversed(forces), *corrections]]

@@ -8,6 +8,10 @@ deflection is defined, and known from linear theory. With w(x, t) the deflection
 N the links' viscosity for deflections [N s/m], w = 0 at the mast and the far edge free. The springs add no stiffness to a flat
 cloth beyond the tension T that the air's friction puts on it. Waves slower than the wind gain energy from it; the linear drag c
 and the viscosity take some. Where gain and loss are even lies the onset.
+
+Theory and measurement agree on growth above the onset within 5 %. Below it they agree on decay within 10 %, but for the slowest
+wind: there several waves die side by side, and the rate measured is none of a single one. The onset is found by linear
+interpolation between two winds, and that of the coarser flag of a quick run lies 2 % higher.
 """
 
 from __future__ import annotations
@@ -30,6 +34,12 @@ SPEEDS = (0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 SMALL, LARGE, LINEAR = 1e-8, 0.05, 1e-3
 """Deflections at the start, to see growth and to see flutter, and the largest RMS one that linear theory is asked of [m]."""
 
+QUICK = (0.75, 1.25, 1.5, 2.0, 3.0, 6.0, 12.0)
+"""Winds of a quick run [m/s]; those beside the onset are the same, since it is found between them."""
+
+SLOW = 0.75
+"""Least angular frequency of a wave along the flag, in wind speeds / length."""
+
 SAMPLE = 0.02
 """Time between two samples [s]."""
 
@@ -42,10 +52,15 @@ def scene(rows: int = 10, cols: int = 16) -> Scene:
 
 
 def theory(scene: Scene, speed: float, points: int = 240) -> complex:
-    """Growth rate (real) and angular frequency (imaginary) of the fastest growing deflection [1/s]."""
+    """Growth rate (real) and angular frequency (imaginary) of the fastest growing, or slowest dying, wave along the flag [1/s].
+
+    Modes slower than `SLOW` are no waves along it and left out: where the tension vanishes, at the free edge, there is a
+    continuum of them that decay ever more slowly the finer the grid, and that no lattice shows. The rest depends on the grid by
+    less than 2 %.
+    """
     lattice, found = scene.lattice, {type(effect): effect for effect in scene.effects}
     air, drag = found[effects.AirPressure], found[effects.AirDrag]
-    along = lattice.steps[0]
+    along = lattice.spacings[0]
     length, dx = lattice.extent[0], lattice.extent[0] / points
     mu = lattice.mass * lattice.size / (lattice.extent[0] * lattice.extent[1])
     # squares of how far the links of a row reach along x, counted per row: neighbours 1, two diagonals, second neighbours 4
@@ -65,7 +80,8 @@ def theory(scene: Scene, speed: float, points: int = 240) -> complex:
     damping = divergence @ slope * viscosity - (q * normal * speed + mu * getattr(drag, "rate", 0.0)) * np.eye(points)
     system = np.block([[np.zeros((points, points)), np.eye(points)], [stiffness / mu, damping / mu]])
     values = np.linalg.eigvals(system)
-    return complex(values[np.argmax(values.real)])
+    waves = values[values.imag > SLOW * speed / length]
+    return complex(waves[np.argmax(waves.real)])
 
 
 def deflections(
@@ -136,24 +152,24 @@ def spectrum(time: NDArray[np.float64], tip: NDArray[np.float64]) -> tuple[NDArr
     return frequency, np.asarray(np.abs(np.fft.rfft(late)) ** 2, np.float64)
 
 
-def onset(rows: list[dict[str, Any]], column: str = "growth rate (1/s)") -> float:
-    """Wind speed at which the growth rate passes zero [m/s], linear between two speeds; NaN if it never does."""
+def onset(rows: list[dict[str, Any]], column: str = "growth rate (1/s)") -> float | None:
+    """Wind speed at which the growth rate passes zero [m/s], linear between two speeds; None if it does not among the rows."""
     for low, high in pairwise(rows):
         a, b = low[column], high[column]
         if a <= 0 < b:
             return float(low["wind speed (m/s)"] - a * (high["wind speed (m/s)"] - low["wind speed (m/s)"]) / (b - a))
-    return float("nan")
+    return None
 
 
 def run(output: Path, quick: bool) -> None:
     """Measure, print the table, write flutter.json and flutter.png; Strouhal number = frequency x twice the amplitude / speed."""
     case = scene() if quick else scene(20, 32)
-    rows = measure(case, SPEEDS[::2] if quick else SPEEDS, seconds=20.0 if quick else 40.0)
+    rows = measure(case, QUICK if quick else SPEEDS, seconds=20.0 if quick else 40.0)
     figure = _figure(rows)
     shown = [{name: value for name, value in row.items() if name not in ("tip (m)", "sample (s)")} for row in rows]
     speeds = {"onset (m/s)": onset(rows), "onset by linear theory (m/s)": onset(rows, "theory (1/s)")}
     report.write(output, "flutter", shown, figure, **speeds)
-    print(", ".join(f"{name}: {value:.3g}" for name, value in speeds.items()))
+    print(", ".join(f"{name}: {'none' if value is None else f'{value:.3g}'}" for name, value in speeds.items()))
 
 
 def _figure(rows: list[dict[str, Any]]) -> Figure:

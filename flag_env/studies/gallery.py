@@ -1,4 +1,4 @@
-"""The preset scenes in motion: a GIF of each, and a picture of all."""
+"""The preset scenes in motion: a replay and a GIF of each, and a picture of all."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from tqdm import tqdm
 
+from flag_env import viewer
+from flag_env._files import replacing
 from flag_env.physics import Scene, Simulator, presets
 from flag_env.render import Renderer, Snapshot, write_video
 
@@ -61,9 +63,7 @@ def shots() -> dict[str, Shot]:
 
 def start(shot: Shot) -> Simulator:
     """The scene at rest in its wind; a rope drawn aside."""
-    simulator = Simulator(shot.scene)
-    if shot.scene.lattice.dimensions == 1:
-        simulator.set_positions(_plucked(shot.scene))
+    simulator = viewer.start(shot.scene)
     if any(shot.wind):
         simulator.set_wind(amplitude=shot.wind)
     return simulator
@@ -76,7 +76,8 @@ def draw(simulator: Simulator, renderer: Renderer, reach: float) -> NDArray[np.u
     side, top = (0.3 * length, (reach - 0.95) * height) if height > 0 else (0.02 * length, 0.42 * length)
     low = -0.55 * height if height > 0 else -0.42 * length
     bounds = np.array([[-0.1 * length, -side, low], [reach * length, side, height + top]])
-    return renderer.draw(Snapshot(positions, mast=positions[0, [0, -1], 0], bounds=bounds))
+    intact = simulator.intact_cells()[0]
+    return renderer.draw(Snapshot(positions, mast=positions[0, [0, -1], 0], bounds=bounds, intact=intact))
 
 
 def film(shot: Shot, renderer: Renderer, seconds: float) -> Iterator[NDArray[np.uint8]]:
@@ -94,17 +95,14 @@ def still(shot: Shot, renderer: Renderer) -> NDArray[np.uint8]:
     return draw(simulator, renderer, shot.reach)
 
 
-def _plucked(scene: Scene) -> NDArray[np.float64]:
-    """The rope drawn aside at a third of its length; beyond, level where its end is free."""
-    positions = scene.lattice.rest_positions.copy()
-    x = positions[..., 0] / positions[..., 0].max()
-    down = (1.0 - x) / 0.7 if scene.lattice.fixed[-1] else np.ones_like(x)
-    positions[..., 2] = 7.0 * np.minimum(x / 0.3, down)
-    return positions
+def motion(name: str, shot: Shot) -> viewer.Motion:
+    """A scene in motion, for a replay."""
+    reach = 1.25 * float(np.linalg.norm(shot.wind)) or None
+    return viewer.of_simulator(start(shot), SECONDS, FPS, title=name, told=shot.told, pace=shot.pace, wind_reach=reach)
 
 
 def run(output: Path, quick: bool) -> None:
-    """Write gallery.png and, unless `quick`, a GIF of each scene."""
+    """Write gallery.png and, unless `quick`, a replay and a GIF of each scene."""
     output.mkdir(parents=True, exist_ok=True)
     stills = {}
     for name, shot in tqdm(shots().items(), desc="scenes"):
@@ -115,7 +113,9 @@ def run(output: Path, quick: bool) -> None:
             renderer = Renderer(360, 360)
             write_video(list(film(shot, renderer, SECONDS)), output / f"{_file(name)}.gif", FPS)
             renderer.close()
-    _picture(stills).save(output / "gallery.png", optimize=True)
+            viewer.save(motion(name, shot), output / f"{_file(name)}.html")
+    with replacing(output / "gallery.png") as partial:
+        _picture(stills).save(partial, optimize=True)
     print(f"written: {output / 'gallery.png'}")
 
 

@@ -70,7 +70,7 @@ def growth(scene: Scene, seconds: float) -> dict[str, Any]:
 
 def watch(scene: Scene, settle: float, seconds: float) -> dict[str, Any]:
     """What each copy does on average: see the module; lists with one entry a copy."""
-    simulator = Simulator(scene.replace(perturbation=0.1 * scene.lattice.steps[0]), copies=SEEDS)
+    simulator = Simulator(scene.replace(perturbation=0.1 * scene.lattice.spacings[0]), copies=SEEDS)
     simulator.advance(settle)
     lattice = scene.lattice
     tips, pose, strains = [], np.zeros((SEEDS, *lattice.shape, 3)), []

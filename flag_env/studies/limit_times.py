@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from flag_env.physics import Lattice, Scene, max_timestep, presets, stability
-from flag_env.physics.effects import AirDrag, Bending, CrossLayer, LinkEffect, Shear, Structural, Tearing
-from flag_env.physics.effects.base import Effect
-from flag_env.physics.integrators.base import Integrator
+from flag_env._files import machine, read_json, write_bytes
+from flag_env.physics import Lattice, Scene, max_timestep, presets
+from flag_env.physics.effects import AirDrag, Bending, CrossLayer, Effect, LinkEffect, Shear, Structural, Tearing
+from flag_env.physics.integrators import Integrator
+from flag_env.physics.limits import forget_limits
 from flag_env.studies import report
 from flag_env.studies.margins import METHODS
 
@@ -100,7 +101,7 @@ def _row(name: str, flag: Scene, rounds: int) -> dict[str, Any]:
 
 
 def _milliseconds(scene: Scene) -> float:
-    stability._limit.cache_clear()
+    forget_limits()
     return _again(scene)
 
 
@@ -118,9 +119,9 @@ def _again(scene: Scene) -> float:
 
 def refresh(path: Path) -> None:
     """Measure anew what the file of a study of stability says of them."""
-    result = json.loads(path.read_text())
-    result["limit_times"], result["limit_times_machine"] = limit_times(20, 200), report.machine()
-    report.replace_file(path, lambda new: new.write_text(json.dumps(result, indent=1) + "\n"))
+    result = read_json(path)
+    result["limit_times"], result["limit_times_machine"] = limit_times(20, 200), machine()
+    write_bytes(path, (json.dumps(result, indent=1) + "\n").encode())
     print(report.table(result["limit_times"]))
 
 

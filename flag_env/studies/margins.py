@@ -15,8 +15,7 @@ from tqdm import tqdm
 
 from flag_env.physics import Diverged, Lattice, Scene, Simulator, diagnostics, max_timestep
 from flag_env.physics.effects import AirDrag, Bending, CosineWind, CrossLayer, Gravity, Shear, Structural
-from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Leapfrog, Strang
-from flag_env.physics.integrators.base import Integrator
+from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Integrator, Leapfrog, Strang
 
 METHODS: tuple[Integrator, ...] = (Leapfrog(), LFAB(), Strang(), RK4(), ExplicitEuler())
 """Integrators with a step limit."""
@@ -66,7 +65,7 @@ def _survives(scene: Scene, timestep: float, flung: float) -> bool:
     simulator = Simulator(scene.replace(timestep=timestep, allow_unstable=True))
     random, moving = np.random.default_rng(0), ~scene.lattice.fixed.reshape(*scene.lattice.shape, 1)
     simulator.set_velocities(np.where(moving, random.standard_normal(simulator.velocities.shape), 0.0))
-    away = flung * scene.lattice.steps[0] * random.standard_normal(simulator.positions.shape)
+    away = flung * scene.lattice.spacings[0] * random.standard_normal(simulator.positions.shape)
     simulator.set_positions(simulator.positions + np.where(moving, away, 0.0))
     longest = 1.0 + diagnostics.strain(scene.lattice, simulator.positions).max(initial=0.0)
     try:

@@ -56,7 +56,7 @@ def _run(scene: Scene, timestep: float, seconds: float) -> Cloth:
     import mujoco
 
     lattice = scene.lattice
-    along, up = lattice.steps[:2]
+    along, up = lattice.spacings[:2]
     (stiffness,) = (effect.stiffness for effect in scene.effects if isinstance(effect, effects.Structural))
     text = _MODEL.format(
         timestep=timestep, cols=lattice.cols, rows=lattice.rows, along=along, up=up, mass=lattice.masses.sum(),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flag_env.physics.jit import source_digest
-from flag_env.studies import report
+from flag_env._files import machine, read_json, write_bytes
+from flag_env.physics.compiling import source_digest
 
 
 class Parts:
@@ -17,7 +18,8 @@ class Parts:
     Parameters
     ----------
     path
-        The file. What it holds is dropped if it comes from another machine, other versions or sources, or other settings.
+        The file. What it holds is dropped if it cannot be read, or comes from another machine, other versions or sources,
+        or other settings.
     sources
         Files of the study; a change of them asks for new results.
     **settings
@@ -25,12 +27,11 @@ class Parts:
     """
 
     def __init__(self, path: Path, sources: tuple[Path, ...], **settings: Any) -> None:
-        machine = report.machine() | {"date": None}
         self._path = path
-        self._origin = {"machine": machine, "sources": source_digest(sources), **settings}
+        self._origin = {"machine": machine() | {"date": None}, "sources": source_digest(sources), **settings}
         self._found: dict[str, Any] = {}
-        if path.exists():
-            stored = json.loads(path.read_text())
+        with contextlib.suppress(FileNotFoundError, ValueError):  # none, or damaged
+            stored = read_json(path)
             if stored["origin"] == self._origin:
                 self._found = stored["found"]
 
@@ -41,9 +42,7 @@ class Parts:
         """The part's result, JSON-able; measured only if it is not there yet."""
         if name not in self._found:
             self._found[name] = measure()
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            text = json.dumps({"origin": self._origin, "found": self._found})
-            report.replace_file(self._path, lambda path: path.write_text(text))
+            write_bytes(self._path, json.dumps({"origin": self._origin, "found": self._found}).encode())
         return self._found[name]
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
 """The flag that a good user of Numba would write: one loop over particles, a gather over twelve neighbours.
 
 The baseline of the speed study. It simulates the same scene as `presets.flag` does without drag and wind, and shares no code with
-the package.
+the package but the scene's description.
 """
 
 from __future__ import annotations
@@ -11,7 +11,14 @@ from typing import Any
 import numba
 import numpy as np
 
+from flag_env.physics import Scene, effects, presets
+
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
+
+
+def springs(rows: int, cols: int, dtype: str, **scene: Any) -> Scene:
+    """A flag with gravity and the three kinds of springs."""
+    return presets.flag(rows, cols, dtype=dtype, **scene).without(effects.AirDrag, effects.CosineWind)
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]

@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 def held(flag: Scene) -> Scene:
     """A `presets.flag` with the stiffness against stretching and bending that it has on the finest lattice."""
     finest = presets.flag(*SIZES[-1]).lattice
-    share = (math.prod(finest.steps[:2]) / math.prod(flag.lattice.steps[:2])) ** 2
+    share = (math.prod(finest.spacings[:2]) / math.prod(flag.lattice.spacings[:2])) ** 2
     links = {type(effect): effect for effect in flag.effects}
     structural, bending = links[Structural], links[Bending]
     assert isinstance(structural, Structural)

@@ -1,52 +1,22 @@
-"""What the studies share: where they ran, and how their results are written."""
+"""How the studies' results are shown and written."""
 
 from __future__ import annotations
 
-import datetime
 import io
 import json
-import os
-import platform
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PIL import Image
+
+from flag_env._files import machine, replacing, write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 120
 """Resolution of figures."""
-
-PACKAGES = ("flag_env", "numpy", "numba", "scipy", "gymnasium", "matplotlib", "stable_baselines3", "torch")
-
-
-def machine() -> dict[str, Any]:
-    """Processor, number of usable cores, system, versions and date."""
-    versions = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {
-        "processor": _processor(),
-        "cores": cores,
-        "system": f"{platform.system()} {platform.machine()}",
-        "versions": versions,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-    }
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    except (OSError, StopIteration):
-        return platform.processor() or "unknown"
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
@@ -66,10 +36,10 @@ def _text(value: Any) -> str:
 
 def write(output: Path, name: str, rows: Sequence[dict[str, Any]], figure: Figure, **more: Any) -> None:
     """Print the table and write `name`.json and `name`.png into `output`, whole or not at all."""
-    output.mkdir(parents=True, exist_ok=True)
     text = json.dumps({"machine": machine(), "rows": rows, **more}, indent=1)
-    replace_file(output / f"{name}.json", lambda path: path.write_text(text + "\n"))
-    replace_file(output / f"{name}.png", lambda path: _save(figure, path))
+    write_bytes(output / f"{name}.json", (text + "\n").encode())
+    with replacing(output / f"{name}.png") as partial:
+        _save(figure, partial)
     print(table(rows))
     print(f"written: {output / name}.json, {output / name}.png")
 
@@ -79,10 +49,3 @@ def _save(figure: Figure, path: Path) -> None:
     figure.savefig(whole := io.BytesIO(), dpi=DPI, format="png")
     with Image.open(whole) as picture:
         picture.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, format="png", optimize=True)
-
-
-def replace_file(path: Path, writer: Any) -> None:
-    """Let `writer(path)` write a file that takes the place of the old one only once it is whole."""
-    partial = path.with_name(path.name + ".partial")
-    writer(partial)
-    partial.replace(path)

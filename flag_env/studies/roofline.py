@@ -18,8 +18,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from flag_env.physics import Simulator
-from flag_env.physics.compose import _make_run
-from flag_env.physics.jit import cached, kernel
+from flag_env.physics.compiling import cached, kernel, make_run
+from flag_env.studies.plain import springs
 from flag_env.studies.timing import fastest
 
 LINK_FLOPS, LINK_BYTES = 33, (12 - 3 + 1 + 3 + 3 * 3) * 4
@@ -74,8 +74,6 @@ def arithmetic(thread: int) -> None:
 
 def roofline(quick: bool) -> dict[str, dict[str, Any]]:
     """Bounds and the kernel's own figures, float32, one thread."""
-    from flag_env.studies.speed_kernels import springs
-
     repeat = _loops()
     a, b, c = np.ones((3, _LENGTH), np.float32)
     half = np.float32(0.5)
@@ -89,7 +87,7 @@ def roofline(quick: bool) -> dict[str, dict[str, Any]]:
     }
     times = fastest(jobs, 4 if quick else 100)
     size = scene.lattice.size
-    weights = [bound.weight for bound in simulator._run.effects if hasattr(bound, "offset")]
+    weights = [bound.weight for bound in simulator.run.effects if hasattr(bound, "offset")]
     links = sum(int(np.count_nonzero(weight)) for weight in weights)
     seconds = times["flag"] / 400
     names = ("GFLOP/s", "GB/s", "1e9 roots and divisions/s")
@@ -128,10 +126,10 @@ def vectors(simulator: Simulator) -> dict[str, int]:
         seen.append(arguments)
         return simulator.copies
 
-    simulator._run.entry = look
+    simulator.run.entry = look
     simulator.step(1)
-    simulator._run.entry = None
-    run = numba.njit(error_model="numpy", nogil=True, _nrt=False)(_make_run())
+    simulator.run.entry = None
+    run = numba.njit(error_model="numpy", nogil=True, _nrt=False)(make_run())
     run.compile(tuple(run.typeof_pyval(argument) for argument in seen[0]))
     code = run.inspect_asm(run.signatures[0])
     lines = re.findall(r"^\tv(?:add|sub|mul|div|sqrt)[ps][sd]\t.*$", code, re.MULTILINE)

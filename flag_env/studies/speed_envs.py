@@ -56,7 +56,7 @@ def _overhead(env: Any, quick: bool) -> Row:
     simulator, inner = env.simulator, []
     env.reset(seed=0)
     env.step(env.action_space.sample())
-    entry = simulator._run.entry
+    entry = simulator.run.entry
 
     def timed(*arguments: Any) -> Any:
         start = time.perf_counter()
@@ -64,14 +64,14 @@ def _overhead(env: Any, quick: bool) -> Row:
         inner.append(time.perf_counter() - start)
         return result
 
-    simulator._run.entry = timed
+    simulator.run.entry = timed
     whole = []
     action = env.action_space.sample()
     for _ in range(200 * (1 if quick else 15)):
         start = time.perf_counter()
         env.step(action)
         whole.append(time.perf_counter() - start)
-    simulator._run.entry = entry
+    simulator.run.entry = entry
     entry, timer = int, []  # an entry that does nothing
     for _ in range(2000):
         start = time.perf_counter()

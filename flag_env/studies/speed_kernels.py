@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from flag_env.physics import Scene, Simulator, effects, integrators, max_timestep, presets
-from flag_env.physics.threads import Threads
+from flag_env.control import CONTROL_STEP
+from flag_env.physics import Scene, Simulator, effects, integrators, max_timestep, tune
+from flag_env.physics.runtime import Threads
 from flag_env.studies import mujoco_flag
-from flag_env.studies.plain import PlainFlag
+from flag_env.studies.plain import PlainFlag, springs
 from flag_env.studies.roofline import arithmetic
 from flag_env.studies.speed_rows import Row
 from flag_env.studies.timing import fastest
@@ -21,18 +22,13 @@ GROWING = ((5, 8), (10, 16), (20, 32), (40, 64), (80, 128), (160, 256))
 COPIES = 64
 
 
-def springs(rows: int, cols: int, dtype: str, **scene: Any) -> Scene:
-    """A flag with gravity and the three kinds of springs."""
-    return presets.flag(rows, cols, dtype=dtype, **scene).without(effects.AirDrag, effects.CosineWind)
-
-
 def plain_of(scene: Scene, timestep: float) -> PlainFlag:
     """The plain Numba flag of the same scene."""
     links = [effect for effect in scene.effects if isinstance(effect, effects.LinkEffect)]
     stiffness, viscosity = (tuple(getattr(link, name) for link in links) for name in ("stiffness", "viscosity"))
     lattice = scene.lattice
     return PlainFlag(
-        lattice.rows, lattice.cols, lattice.steps[:2], lattice.masses, stiffness, viscosity, timestep, scene.dtype
+        lattice.rows, lattice.cols, lattice.spacings[:2], lattice.masses, stiffness, viscosity, timestep, scene.dtype
     )  # fmt: skip
 
 
@@ -90,7 +86,7 @@ def many_flags(quick: bool) -> list[Row]:
 def simulated_seconds(quick: bool) -> list[Row]:
     """Simulated seconds per second, 20 x 32: balanced accuracy, against the plain loop and MuJoCo at their largest steps."""
     base = springs(20, 32, "float64")
-    balanced = springs(20, 32, "float32", integrator=integrators.LFAB()).tuned("balanced")
+    balanced = tune(springs(20, 32, "float32"), "balanced", multiple_of=CONTROL_STEP)
     simulator = Simulator(balanced, threads=1)
     largest = max_timestep(base.replace(integrator=integrators.Leapfrog()))
     plain = plain_of(base, largest)

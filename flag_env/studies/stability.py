@@ -2,8 +2,8 @@
 
 A small flag is shaken and put into a wind, at every stiffness (or viscosity) and timestep of a grid, with every integrator. It
 stays a flag, it grows (a link ends at more than one and a half times its length), or it diverges (numbers that are not finite).
-Besides: how sharp the limit is on random scenes (`margins`), what it costs to know it (`limit_times`), and what looking for
-non-finite numbers costs.
+Besides: how sharp the limit is on random scenes (`margins`), what it costs to know it (`limit_times`), whether undamped cloth
+heats below it (`heating`), and what looking for non-finite numbers costs.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from tqdm import tqdm
 
-from flag_env.physics import Diverged, Scene, Simulator, compose, diagnostics, max_timestep, presets
+from flag_env.physics import Diverged, Scene, Simulator, diagnostics, max_timestep, presets
+from flag_env.physics.compiling import CHECK_EVERY, first_non_finite, jit
 from flag_env.physics.effects import CosineWind
-from flag_env.physics.integrators import Implicit
-from flag_env.physics.integrators.base import Integrator
-from flag_env.physics.jit import jit
+from flag_env.physics.integrators import Implicit, Integrator
 from flag_env.studies import report
+from flag_env.studies.heating import heating
 from flag_env.studies.limit_times import limit_times
 from flag_env.studies.margins import METHODS, margins
 from flag_env.studies.timing import fastest
@@ -86,7 +86,7 @@ def chart(method: Integrator, varied: str, columns: int, rows: int) -> dict[str,
 def _checks(x: Any, v: Any, count: int) -> int:
     found = 0
     for _ in range(count):
-        found += compose._first_non_finite(x, v)
+        found += first_non_finite(x, v)
     return found
 
 
@@ -95,11 +95,11 @@ def check_cost(rounds: int) -> list[dict[str, Any]]:
     rows = []
     for rows_, cols, dtype in ((10, 16, "float32"), (20, 32, "float64")):
         simulator = Simulator(presets.flag(rows_, cols, dtype=dtype))
-        steps, x, v = compose.CHECK_EVERY * 20, simulator._run.x[0], simulator._run.v[0]
+        steps, x, v = CHECK_EVERY * 20, simulator.run.x[0], simulator.run.v[0]
         times = fastest({"step": partial(simulator.step, steps), "check": partial(_checks, x, v, 1000)}, rounds)
         share = (times["check"] / 1000) / (times["step"] / steps)
         row = {"flag": f"{rows_} x {cols}, {dtype}", "step [us]": 1e6 * times["step"] / steps, "check [us]": 1e3 * times["check"]}
-        rows.append(row | {"share, every 50 steps": share / compose.CHECK_EVERY, "share, every 20 steps": share / 20})
+        rows.append(row | {"share, every 50 steps": share / CHECK_EVERY, "share, every 20 steps": share / 20})
     return rows
 
 
@@ -117,9 +117,11 @@ def run(output: Path, quick: bool) -> None:
     costs, checks = limit_times(2, 5) if quick else limit_times(20, 200), check_cost(5 if quick else 30)
     counts = ("integrator", "varied", "unstable below the limit", "cells below", "stable above 1.35 limits", "cells above")
     rows = [{name: one[name] for name in counts} for one in charts]
-    report.write(output, "stability", rows, _figure(charts), random=random, limit_times=costs, finite_check=checks, maps=charts)
-    for more in (random, costs, checks):
-        print(report.table(more))
+    heat = heating(10_000 if quick else 100_000)
+    more = {"random": random, "limit_times": costs, "heating": heat, "finite_check": checks, "maps": charts}
+    report.write(output, "stability", rows, _figure(charts), **more)
+    for told in (random, costs, heat, checks):
+        print(report.table(told))
 
 
 def _figure(charts: list[dict[str, Any]]) -> Figure:

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.physics import Lattice, Scene, Simulator, max_timestep
-from flag_env.physics.calibration import FRAME
-from flag_env.physics.tuning import ACCURACIES
+from flag_env.control import CONTROL_STEP
+from flag_env.physics import Lattice, Scene, Simulator, max_timestep, tune
+from flag_env.physics.accuracy import ACCURACIES
 from flag_env.studies import energy_budget, reference
 from flag_env.studies.accuracy_scenes import METHODS, stepped
 from flag_env.studies.refinement import resampled
@@ -54,7 +54,7 @@ def truth(scene: Scene) -> list[Any]:
 def grid(scene: Scene, dtype: str, shares: Sequence[float], methods: Sequence[str]) -> list[Case]:
     """Every method and share."""
     return [
-        (name, share, stepped(scene.replace(integrator=METHODS[name], dtype=dtype), share, FRAME))
+        (name, share, stepped(scene.replace(integrator=METHODS[name], dtype=dtype), share, CONTROL_STEP))
         for name in methods
         for share in shares
     ]
@@ -62,7 +62,7 @@ def grid(scene: Scene, dtype: str, shares: Sequence[float], methods: Sequence[st
 
 def presets(scene: Scene) -> list[Case]:
     """The accuracy presets, whose share is theirs to choose."""
-    return [(name, None, scene.tuned(name)) for name in ACCURACIES]
+    return [(name, None, tune(scene, name, multiple_of=CONTROL_STEP)) for name in ACCURACIES]
 
 
 def measure(

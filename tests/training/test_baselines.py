@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flag_env.physics.mast import mast_points
+from flag_env.physics.runtime.mast import mast_points
 from flag_env.tasks.targets import load_targets
 from training.baselines import Lookup, PControl, mast_pose
 from training.environments import Task, evaluation_envs

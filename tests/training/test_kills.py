@@ -21,6 +21,7 @@ run(pickle.loads(Path(sys.argv[1]).read_bytes()))
 
 
 @pytest.mark.slow
+@pytest.mark.linux
 def test_twenty_kills(tiny, tmp_path, record_property):
     whole, broken = tiny(output="whole", total_timesteps=12_800), tiny(output="broken", total_timesteps=12_800, resume=True)
     run(whole)

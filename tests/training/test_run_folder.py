@@ -3,7 +3,7 @@
 import pytest
 
 from training import hyperparameters
-from training.run_folder import prepare
+from training.run_folder import claimed
 
 
 @pytest.fixture
@@ -13,8 +13,8 @@ def made(tiny):
     def again(**changed):
         arguments = tiny(**changed)
         hyper = hyperparameters.read(arguments.hyperparameters, arguments.env_id, arguments.total_timesteps, arguments.n_envs)
-        prepare(arguments.folder, arguments, hyper)
-        return arguments
+        with claimed(arguments.folder, arguments, hyper):
+            return arguments
 
     (again().folder / "model.zip").write_bytes(b"precious")
     return again
@@ -27,7 +27,7 @@ def test_a_run_is_not_overwritten(made, tiny):
 
 
 def test_overwrite_removes_the_old_run(made):
-    assert [path.name for path in made(overwrite=True).folder.iterdir()] == ["arguments.json"]
+    assert {path.name for path in made(overwrite=True).folder.iterdir()} == {"arguments.json", ".lock"}
 
 
 def test_a_folder_that_holds_no_run_is_never_removed(made, tiny):
@@ -62,5 +62,5 @@ def test_a_run_killed_while_it_described_itself_starts_anew(tiny):
     arguments = tiny(resume=True)
     arguments.folder.mkdir(parents=True)
     (arguments.folder / ".arguments-123.json").write_text("{")
-    prepare(arguments.folder, arguments, hyperparameters.read(arguments.hyperparameters, arguments.env_id))
-    assert [path.name for path in arguments.folder.iterdir()] == ["arguments.json"]
+    with claimed(arguments.folder, arguments, hyperparameters.read(arguments.hyperparameters, arguments.env_id)):
+        assert {path.name for path in arguments.folder.iterdir()} == {"arguments.json", ".lock"}
