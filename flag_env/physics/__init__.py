@@ -7,9 +7,10 @@ from flag_env.physics.runtime import Diverged, Frame, State
 from flag_env.physics.scene import Scene
 from flag_env.physics.simulator import Simulator
 
+from flag_env.physics.gradients import Gradient, Rollout  # isort: skip
 from flag_env.physics.accuracy import Description, describe, tune  # isort: skip
 
 __all__ = [
-    "Description", "Diverged", "Frame", "Lattice", "Scene", "Simulator", "State", "describe", "effects", "integrators",
-    "max_timestep", "presets", "tune",
+    "Description", "Diverged", "Frame", "Gradient", "Lattice", "Rollout", "Scene", "Simulator", "State", "describe", "effects",
+    "integrators", "max_timestep", "presets", "tune",
 ]  # fmt: skip

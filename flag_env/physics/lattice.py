@@ -61,7 +61,7 @@ class Lattice:
     layers, rows, cols
         Number of particles across, up and along.
     spacing
-        Distance of neighbours [m]: one number, (along, up) or (along, up, across). Layers stand `along` apart unless told.
+        Distance of neighbours [m]: one number, (along, up) or (along, up, across). By default layers stand `along` apart.
     mass
         Mass of a particle at the mast [kg].
     taper

@@ -19,6 +19,7 @@ from flag_env.physics.effects import (
     Shear,
     Structural,
 )
+from flag_env.physics.integrators import Leapfrog
 from flag_env.physics.lattice import Lattice
 from flag_env.physics.scene import Scene
 
@@ -112,7 +113,7 @@ def rope(cols: int = 32, *, pinned: str = "ends", **scene: Any) -> Scene:
     """
     lattice = Lattice(1, 1, cols, spacing=1.0, mass=1.0, pinned=pinned, dimensions=1)
     links = Structural(0.1 * REPORT_RATE**2, 0.01 * REPORT_RATE)
-    return Scene(**{"lattice": lattice, "effects": (links,), "timestep": 1.0 / REPORT_RATE, **scene})
+    return Scene(**{"lattice": lattice, "effects": (links,), "integrator": Leapfrog(), "timestep": 1.0 / REPORT_RATE, **scene})
 
 
 def sheet(rows: int = 20, cols: int = 32, **flag_options: Any) -> Scene:
@@ -195,5 +196,5 @@ def report_flag(layers: int = 1, rows: int = 10, cols: int = 15, **scene: Any) -
             # the report's axes are (along, vertical, normal)
             CosineWind(amplitude=(4800.0, 1150.0, 5700.0), frequency=(0.04, 0.05, 0.35)),
         ),
-        **{"timestep": 1.0 / REPORT_RATE, **scene},
+        **{"integrator": Leapfrog(), "timestep": 1.0 / REPORT_RATE, **scene},
     )

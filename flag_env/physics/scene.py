@@ -11,7 +11,7 @@ import numpy as np
 
 from flag_env import _validate
 from flag_env.physics.effects import Effect, check_contract
-from flag_env.physics.integrators import Integrator, Leapfrog
+from flag_env.physics.integrators import LFAB, Integrator
 from flag_env.physics.lattice import Lattice
 
 DTYPES = ("float64", "float32")
@@ -31,7 +31,7 @@ class Scene:
     effects
         The effects, at most one of a kind and a name. Nothing else is simulated. Those that keep things apart go to the end.
     integrator
-        The method; `Leapfrog()` unless told.
+        The method; default `LFAB()`, of order 2 at one evaluation of the forces a step.
     timestep
         Seconds, or "auto": 0.9 of the step limit.
     dtype
@@ -50,7 +50,7 @@ class Scene:
 
     lattice: Lattice
     effects: tuple[Effect, ...] = ()
-    integrator: Integrator = Leapfrog()  # noqa: RUF009  (immutable)
+    integrator: Integrator = LFAB()  # noqa: RUF009  (immutable)
     timestep: float | str = "auto"
     dtype: str = "float64"
     allow_unstable: bool = False
@@ -65,7 +65,7 @@ class Scene:
             effect.check(self.lattice)
             check_contract(effect, self.lattice, self.dtype)
         if not isinstance(self.integrator, Integrator):
-            raise TypeError(f"integrator must be an Integrator, such as integrators.Leapfrog(), got {self.integrator!r}")
+            raise TypeError(f"integrator must be an Integrator, such as integrators.LFAB(), got {self.integrator!r}")
         if not isinstance(self.timestep, str) or self.timestep != "auto":
             if isinstance(self.timestep, str):
                 raise ValueError(f"timestep must be a number of seconds or 'auto', got {self.timestep!r}")

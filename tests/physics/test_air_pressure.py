@@ -1,10 +1,8 @@
-"""Checks the wind's force on the cloth against closed forms, its symmetries, energy, step limit and the flutter it causes."""
+"""The wind's force on the cloth against closed forms, its symmetries, energy and step limit."""
 
 import dataclasses
-import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from flag_env.physics import Lattice, Scene, Simulator, max_timestep, presets
 from flag_env.physics.effects import AirDrag, AirPressure, CosineWind, Gravity, Gusts, Structural
 from flag_env.physics.effects.base import BindContext
-from flag_env.studies import flutter
+from tests.physics.scenes import leapfrog_scene
 
 LATTICE = Lattice(1, 5, 7, (0.1, 0.08), 0.02, 0.3, "none")
 AREA = 0.6 * 0.32
@@ -181,7 +179,7 @@ def test_the_declared_damping_is_attained_and_never_exceeded():
 def test_the_step_limit_covers_the_damping():
     """A plate held in its pose and thrown through still air at the greatest speed: no step gives it energy."""
     effect = AirPressure(max_speed=10.0)
-    scene = Scene(LATTICE, (effect,))
+    scene = leapfrog_scene(LATTICE, (effect,))
     limit = max_timestep(scene)
     assert limit == pytest.approx(2.0 / (effect.drag(LATTICE) / LATTICE.masses).max(), rel=1e-6)
     with pytest.raises(ValueError, match="limit"):
@@ -243,57 +241,6 @@ def test_a_turbulent_state_continues_to_the_bit():
         each.step(60)
     np.testing.assert_array_equal(sim.positions, other.positions)
     np.testing.assert_array_equal(sim.positions[0], single.positions[0])
-
-
-@pytest.fixture(scope="module")
-def fluttering():
-    return {row["wind speed (m/s)"]: row for row in flutter.measure(flutter.scene(), (1.0, 3.0, 6.0, 10.0), seconds=16.0)}
-
-
-def test_a_small_deflection_decays_below_the_onset_and_grows_above_it(fluttering):
-    """At the rate and the frequency of linear theory, which knows nothing of particles."""
-    assert fluttering[1.0]["growth rate (1/s)"] < -0.02
-    assert fluttering[1.0]["theory (Hz)"] > 0.1
-    for speed, rate in ((3.0, 0.3), (6.0, 1.9), (10.0, 5.0)):
-        row = fluttering[speed]
-        assert row["growth rate (1/s)"] > rate
-        assert row["growth rate (1/s)"] == pytest.approx(row["theory (1/s)"], rel=0.06)
-        assert row["frequency (Hz)"] == pytest.approx(row["theory (Hz)"], rel=0.08)
-
-
-def test_linear_theory_does_not_depend_on_its_grid():
-    """Below the onset, too, where most of the modes do."""
-    for speed in (0.75, 1.0, 1.25, 1.5, 2.0, 6.0):
-        coarse, fine = (flutter.theory(flutter.scene(20, 32), speed, points) for points in (80, 160))
-        assert coarse == pytest.approx(fine, rel=0.02)
-
-
-def test_the_committed_study_agrees_with_linear_theory_on_either_side_of_the_onset():
-    """The decay that was measured with the particles, and where it ends."""
-    kept = json.loads((Path(flutter.__file__).parent / "results" / "flutter.json").read_text())
-    case = flutter.scene(20, 32)
-    for row in kept["rows"]:
-        speed, measured = row["wind speed (m/s)"], row["growth rate (1/s)"]
-        within = 0.3 if speed < 1.0 else 0.1 if speed < 1.6 else 0.05
-        assert measured == pytest.approx(flutter.theory(case, speed).real, rel=within)
-        assert row["theory (1/s)"] == pytest.approx(flutter.theory(case, speed).real, rel=1e-9)
-    assert kept["onset (m/s)"] == pytest.approx(kept["onset by linear theory (m/s)"], rel=0.01)
-
-
-def test_above_the_onset_the_tip_has_one_clear_frequency(fluttering):
-    assert fluttering[1.0]["tip amplitude (m)"] < 0.02
-    for speed in (6.0, 10.0):
-        assert fluttering[speed]["share of the peak"] > 0.95
-        assert fluttering[speed]["tip amplitude (m)"] > 0.06
-        assert 0.03 < fluttering[speed]["Strouhal number"] < 0.3
-
-
-def test_the_study_writes_its_files(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(flutter, "QUICK", (1.0, 1.2, 4.0))
-    monkeypatch.setattr(flutter, "measure", lambda scene, speeds, seconds, measure=flutter.measure: measure(scene, speeds, 4.0))
-    flutter.run(tmp_path, quick=True)
-    assert {path.name for path in tmp_path.iterdir()} == {"flutter.json", "flutter.png"}
-    assert "onset (m/s)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import flag_env.physics
 FALL = """
 from flag_env.physics import Lattice, Scene, Simulator
 from flag_env.physics.effects import Gravity
-sim = Simulator(Scene(Lattice(1, 1, 1, pinned="none"), (Gravity(8.0),), timestep=0.125))
+from flag_env.physics.integrators import Leapfrog
+sim = Simulator(Scene(Lattice(1, 1, 1, pinned="none"), (Gravity(8.0),), Leapfrog(), timestep=0.125))
 sim.step(1)
 print(sim.positions[0, 0, 0, 0, 2])
 import flag_env
@@ -47,7 +48,8 @@ class Push(Effect):
 PUSHED = """
 from foreign import Push
 from flag_env.physics import Lattice, Scene, Simulator
-sim = Simulator(Scene(Lattice(1, 1, 1, mass=0.5, pinned="none"), (Push(4.0),), timestep=0.125))
+from flag_env.physics.integrators import Leapfrog
+sim = Simulator(Scene(Lattice(1, 1, 1, mass=0.5, pinned="none"), (Push(4.0),), Leapfrog(), timestep=0.125))
 sim.step(1)
 print(sim.positions[0, 0, 0, 0, 0])
 """

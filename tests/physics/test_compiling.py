@@ -94,14 +94,19 @@ def test_an_unknown_way_is_refused_by_name(run_python, tmp_path):
         run(run_python, tmp_path, "quick")
 
 
-@pytest.mark.parametrize("damage", [b"", b"no pickle", None], ids=["empty", "other", "cut short"])
-def test_damaged_files_of_plain_numba_are_mended(run_python, tmp_path, fast, damage):
+def test_damaged_files_of_plain_numba_are_mended(run_python, tmp_path, fast):
+    """Index and code files, each empty, of something else, or cut short."""
     run(run_python, tmp_path, "plain")
-    for file in tmp_path.rglob("*.nb[ic]"):
-        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2] if damage is None else damage)
-    with pytest.raises(AssertionError, match="RuntimeWarning: cache: "):
-        run(run_python, tmp_path, "plain")
-    assert run(run_python, tmp_path, "plain", strict=False) == ["plain", fast]
+    for damages in ((b"", b"no pickle"), (b"no pickle", None)):  # None: cut short
+        for suffix in ("nbi", "nbc"):
+            files = sorted(tmp_path.rglob(f"*.{suffix}"))
+            assert len(files) > 1
+            for number, file in enumerate(files):
+                damage = damages[number % 2]
+                file.write_bytes(file.read_bytes()[: file.stat().st_size // 2] if damage is None else damage)
+        with pytest.raises(AssertionError, match="RuntimeWarning: cache: "):
+            run(run_python, tmp_path, "plain")
+        assert run(run_python, tmp_path, "plain", strict=False) == ["plain", fast]
     assert run(run_python, tmp_path, "plain") == ["plain", fast]
 
 

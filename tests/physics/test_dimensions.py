@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flag_env.physics import Scene, Simulator, effects, presets
+from flag_env.physics.integrators import Leapfrog
 from flag_env.physics.lattice import Lattice
 
 
@@ -74,7 +75,7 @@ def test_conservative_forces_are_minus_the_gradient_of_the_energy(scene):
     positions = lattice.rest_positions.copy()
     positions[..., list(lattice.axes)] += 0.02 * rng.standard_normal((*lattice.shape, lattice.dimensions))
     step = 1e-5
-    simulator = Simulator(scene.replace(timestep=step))
+    simulator = Simulator(scene.replace(timestep=step, integrator=Leapfrog()))
     simulator.set_positions(positions)
     simulator.step(1)
     force = lattice.masses * (simulator.positions[0] - positions).reshape(-1, 3).T / step**2

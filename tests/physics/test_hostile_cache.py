@@ -13,7 +13,8 @@ from tests.conftest import ROOT
 FALL = """
 from flag_env.physics import Lattice, Scene, Simulator
 from flag_env.physics.effects import Gravity
-sim = Simulator(Scene(Lattice(1, 1, 1, pinned="none"), (Gravity(8.0),), timestep=0.125))
+from flag_env.physics.integrators import Leapfrog
+sim = Simulator(Scene(Lattice(1, 1, 1, pinned="none"), (Gravity(8.0),), Leapfrog(), timestep=0.125))
 sim.step(1)
 assert sim.positions[0, 0, 0, 0, 2] == -0.125
 print("fell")

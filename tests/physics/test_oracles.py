@@ -7,8 +7,9 @@ import pytest
 import scipy.special
 from scipy.spatial.transform import Rotation
 
-from flag_env.physics import Lattice, Scene, Simulator
+from flag_env.physics import Lattice, Simulator
 from flag_env.physics.effects import AirDrag, Bending, CrossLayer, Gravity, Shear, Structural
+from tests.physics.scenes import leapfrog_scene
 
 G = 9.81
 
@@ -43,7 +44,7 @@ def free_cloth(damping="isotropic", viscosity=0.02, timestep=5e-4, gravity=0.0):
     random = np.random.default_rng(5)
     positions = 1.1 * lattice.rest_positions + 0.02 * random.standard_normal((*lattice.shape, 3))
     velocities = 0.5 * random.standard_normal((*lattice.shape, 3)) + np.cross([0.5, -1.0, 2.0], positions)
-    return Scene(lattice, (*effects, Gravity(gravity)), timestep=timestep), positions, velocities
+    return leapfrog_scene(lattice, (*effects, Gravity(gravity)), timestep=timestep), positions, velocities
 
 
 def total(scene, positions, velocities):
@@ -59,7 +60,7 @@ def total(scene, positions, velocities):
 def test_hanging_chain_has_the_lengths_of_statics():
     k, length, n = 500.0, 0.05, 20
     lattice = Lattice(1, 1, n + 1, length, 0.01, 0.1)
-    sim = Simulator(Scene(lattice, (Gravity(), Structural(k, 0.0), AirDrag(40.0))))
+    sim = Simulator(leapfrog_scene(lattice, (Gravity(), Structural(k, 0.0), AirDrag(40.0))))
     down = np.zeros((1, 1, n + 1, 3))
     down[..., 2] = -length * np.arange(n + 1)
     place(sim, down).advance(4.0)
@@ -74,7 +75,9 @@ def test_hanging_chain_has_the_lengths_of_statics():
 
 def test_chain_between_two_posts_is_the_elastic_catenary():
     k, length, n = 500.0, 0.05, 20
-    sim = Simulator(Scene(Lattice(1, 1, n + 1, length, 0.01, 1.0, "ends"), (Gravity(), Structural(k, 0.0), AirDrag(15.0))))
+    sim = Simulator(
+        leapfrog_scene(Lattice(1, 1, n + 1, length, 0.01, 1.0, "ends"), (Gravity(), Structural(k, 0.0), AirDrag(15.0)))
+    )
     start = np.zeros((1, 1, n + 1, 3))
     start[..., 0] = np.linspace(0.0, 0.8, n + 1)
     start[..., 2] = -0.25 * np.sin(np.linspace(0, np.pi, n + 1))
@@ -96,7 +99,7 @@ def test_chain_between_two_posts_is_the_elastic_catenary():
 )
 def test_string_rings_at_the_schemes_own_frequency(axis, mode, known):
     lattice = Lattice(1, 1, 11, 0.05, 0.01, 1.0, "ends")
-    sim = Simulator(Scene(lattice, (Structural(500.0, 0.0),), timestep=1e-3))
+    sim = Simulator(leapfrog_scene(lattice, (Structural(500.0, 0.0),), timestep=1e-3))
     shape = np.sin(np.arange(11) * mode * np.pi / 10)
     shape[[0, -1]] = 0.0
     start = 1.2 * lattice.rest_positions
@@ -111,7 +114,7 @@ def test_drum_rings_at_the_schemes_own_frequency():
     lattice = Lattice(1, 8, 10, 0.05, 0.01)
     row, col = np.divmod(np.arange(80), 10)
     border = tuple(np.flatnonzero((row % 7 == 0) | (col % 9 == 0)))
-    sim = Simulator(Scene(Lattice(1, 8, 10, 0.05, 0.01, 1.0, border), (Structural(500.0, 0.0),), timestep=1e-3))
+    sim = Simulator(leapfrog_scene(Lattice(1, 8, 10, 0.05, 0.01, 1.0, border), (Structural(500.0, 0.0),), timestep=1e-3))
     shape = (np.sin(row * np.pi / 7) * np.sin(col * np.pi / 9)).reshape(8, 10)
     shape.ravel()[list(border)] = 0.0
     start = 1.2 * lattice.rest_positions
@@ -123,7 +126,7 @@ def test_drum_rings_at_the_schemes_own_frequency():
 
 def pendulum_period(angle, stiffness, timestep):
     """Twice the time between the pendulum's first two passes of the vertical."""
-    sim = Simulator(Scene(Lattice(1, 1, 2, 1.0, 1.0), (Gravity(), Structural(stiffness, 0.0)), timestep=timestep))
+    sim = Simulator(leapfrog_scene(Lattice(1, 1, 2, 1.0, 1.0), (Gravity(), Structural(stiffness, 0.0)), timestep=timestep))
     bob = (1.0 + G * math.cos(angle) / stiffness) * np.array([math.sin(angle), 0.0, -math.cos(angle)])
     x = trajectory(place(sim, np.array([[[np.zeros(3), bob]]])), int(2.0 / timestep))[:, 0, 0, 1]
     swing = np.arctan2(x[:, 0], -x[:, 2])
@@ -153,7 +156,7 @@ def test_pendulum_period_is_the_elliptic_integral(degrees, known):
 
 
 def test_free_fall_is_the_schemes_own_parabola():
-    sim = Simulator(Scene(Lattice(1, 1, 1, 0.1, 0.3, pinned="none"), (Gravity(),), timestep=1e-3))
+    sim = Simulator(leapfrog_scene(Lattice(1, 1, 1, 0.1, 0.3, pinned="none"), (Gravity(),), timestep=1e-3))
     z = trajectory(sim, 1000)[:, 0, 0, 0, 2]
     n = np.arange(1001)
     np.testing.assert_allclose(z, -G * sim.timestep**2 * n * (n + 1) / 2, rtol=1e-13, atol=0)
@@ -164,7 +167,7 @@ def test_free_fall_is_the_schemes_own_parabola():
 def test_damped_oscillator_follows_the_roots_of_its_polynomial(zeta, damping):
     k, m = 400.0, 0.01
     viscosity = 2 * zeta * math.sqrt(k * m)
-    sim = Simulator(Scene(Lattice(1, 1, 2, 0.1, m), (Structural(k, viscosity, damping),), timestep=1e-3))
+    sim = Simulator(leapfrog_scene(Lattice(1, 1, 2, 0.1, m), (Structural(k, viscosity, damping),), timestep=1e-3))
     start = np.zeros((1, 1, 2, 3))
     start[..., 1, 0] = 0.11
     x = trajectory(place(sim, start), 300)[:, 0, 0, 1, 0] - 0.1
@@ -178,7 +181,7 @@ def test_damped_oscillator_follows_the_roots_of_its_polynomial(zeta, damping):
 
 def test_isotropic_damper_brakes_the_rotation_of_a_dumbbell():
     m, z, h, n = 0.02, 0.4, 1e-3, 400
-    scene = Scene(Lattice(1, 1, 2, 0.2, m, pinned="none"), (Structural(300.0, z),), timestep=h)
+    scene = leapfrog_scene(Lattice(1, 1, 2, 0.2, m, pinned="none"), (Structural(300.0, z),), timestep=h)
     velocities = np.array([[[[0.1, -0.5, 0.2], [0.3, 0.5, -0.6]]]])
     sim = place(Simulator(scene), [[[[-0.1, 0, 0], [0.1, 0, 0]]]], velocities - velocities.mean(axis=2, keepdims=True))
     before = total(scene, sim.positions, sim.velocities)[1]
@@ -242,8 +245,8 @@ def test_reversed_gravity_gives_the_mirror_image():
     lattice = Lattice(1, 5, 6, 0.1, 0.01, 0.3)
     links = (Structural(200.0, 0.02), Shear(2.0, 0.02), Bending(1.0, 0.02))
     start = lattice.rest_positions + np.array([0.0, 1.0, 0.0]) * np.linspace(0, 0.1, 6)[:, None]
-    down = place(Simulator(Scene(lattice, (Gravity(G), *links), timestep=1e-3)), start)
-    up = place(Simulator(Scene(lattice, (Gravity(-G), *links), timestep=1e-3)), start)
+    down = place(Simulator(leapfrog_scene(lattice, (Gravity(G), *links), timestep=1e-3)), start)
+    up = place(Simulator(leapfrog_scene(lattice, (Gravity(-G), *links), timestep=1e-3)), start)
     for one in (down, up):
         one.step(500)
     mirrored = down.positions[:, :, ::-1] * [1, 1, -1] + [0, 0, 0.4]

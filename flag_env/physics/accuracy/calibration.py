@@ -27,7 +27,7 @@ SAFETY = 1.25
 """Measured errors stay below the tolerance by this factor, for the error of the exact path."""
 
 SAFETY_DISPLACED = 2.0
-"""The same where displaced starts are covered: others may be worse than those that are tried."""
+"""`SAFETY` where displaced starts are covered: others may be worse than those that are tried."""
 
 EVALUATION = {"float64": 1.0, "float32": 0.5}
 """Time of an evaluation of the forces; the unit is one in float64. Measured, as those below, on flags of 5 x 7 to 40 x 64."""

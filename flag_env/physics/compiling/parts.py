@@ -68,7 +68,7 @@ class _Optimised(JITCodeLibrary):  # type: ignore[misc]
 
 
 class _Raw(_Optimised):
-    """The same, left to the callers to optimise."""
+    """A compiled function, left to its callers to optimise."""
 
     def _optimize_final_module(self) -> None:
         pass

@@ -225,17 +225,22 @@ def make_run() -> Callable[..., Any]:
 
 def compiled_run(method: Any, effects: tuple[Any, ...]) -> Callable[..., int]:
     """Entry point that advances many copies by many steps, for a method and effects of these types; kept on disk."""
-    return _run_for_modules(tuple([type(data).__module__ for data in (method, *effects)]))
+    return compiled_for(make_run, method, effects)
+
+
+def compiled_for(make: Callable[[], Callable[..., Any]], method: Any, effects: tuple[Any, ...]) -> Callable[..., Any]:
+    """The entry point that `make` makes, for a method and effects of these types; kept on disk."""
+    return _for_modules(make, tuple([type(data).__module__ for data in (method, *effects)]))
 
 
 @cache
-def _run_for_modules(modules: tuple[str, ...]) -> Callable[..., Any]:
-    return _run_for(_foreign_sources(modules))
+def _for_modules(make: Callable[[], Callable[..., Any]], modules: tuple[str, ...]) -> Callable[..., Any]:
+    return _for_sources(make, _foreign_sources(modules))
 
 
 @cache
-def _run_for(sources: frozenset[Path] | None) -> Callable[..., Any]:
-    return cached(make_run(), sources)
+def _for_sources(make: Callable[[], Callable[..., Any]], sources: frozenset[Path] | None) -> Callable[..., Any]:
+    return cached(make(), sources)
 
 
 @cache

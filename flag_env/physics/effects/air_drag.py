@@ -6,13 +6,14 @@ Parameters: rate c [1/s], the rate at which a particle left alone slows down.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flag_env import _validate
 from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.effects._sums import weighted_dot
 from flag_env.physics.effects.base import BindContext, Effect, LinearBound
 from flag_env.physics.lattice import Lattice
 
@@ -24,9 +25,10 @@ def _brake(f, v, drag, n):
 
 
 class AirDragData(NamedTuple):
-    """`drag` (particles,) [N s/m]."""
+    """`drag` [N s/m] and `mass` [kg], (particles,) each."""
 
     drag: NDArray[Any]
+    mass: NDArray[Any]
 
     @staticmethod
     @jit
@@ -34,6 +36,25 @@ class AirDragData(NamedTuple):
         """Subtract the drag."""
         for d in range(f.shape[0]):
             _brake(f[d], v[d], data.drag, f.shape[1])
+
+    @staticmethod
+    def parameters() -> tuple[str, ...]:
+        """What `slopes` are with respect to."""
+        return ("rate",)
+
+    @staticmethod
+    @jit
+    def pull_back(data, copy, x, v, g, dx, dv, effect_work, lag):
+        """The drag is linear."""
+        for d in range(g.shape[0]):
+            _brake(dv[d], g[d], data.drag, g.shape[1])
+
+    @staticmethod
+    @jit
+    def slopes(data, copy, x, v, g, out, effect_work, lag):
+        """By the rate: -m v."""
+        for d in range(g.shape[0]):
+            out[0] -= weighted_dot(data.mass, v[d], g[d], g.shape[1])
 
 
 @dataclass(frozen=True)
@@ -45,6 +66,8 @@ class AirDrag(Effect):
     rate
         Decay rate of a free particle's velocity [1/s], >= 0.
     """
+
+    scales_with: ClassVar[tuple[str, ...] | None] = ()
 
     rate: float = 1.5
 
@@ -66,5 +89,6 @@ class AirDrag(Effect):
         return self
 
     def bind(self, context: BindContext) -> AirDragData:
-        """The particles' damping in the scene's dtype."""
-        return AirDragData(self.drag(context.lattice).astype(context.dtype))
+        """The particles' damping and masses in the scene's dtype."""
+        lattice, dtype = context.lattice, context.dtype
+        return AirDragData(self.drag(lattice).astype(dtype), lattice.masses.astype(dtype))

@@ -16,7 +16,7 @@ Still air only takes energy out: the lift does no work along u, the other terms 
 
 C_N = 1.2 is a square plate's drag across the stream (Hoerner, Fluid-Dynamic Drag, 1965, 3-16), and within 20 % the slope of the
 normal force of a wing as short as a flag, 2 pi AR / (2 + sqrt(4 + AR^2)) for a height/length AR of 2/3 to 1 (Helmbold 1942): so
-C_L = 0 unless told. C_F = 0.01 is a turbulent layer on both sides at a Reynolds number of 10^6 (Schlichting, Boundary-Layer
+C_L = 0 by default. C_F = 0.01 is a turbulent layer on both sides at a Reynolds number of 10^6 (Schlichting, Boundary-Layer
 Theory).
 Source: Ling, Damodaran, Gay 1996 (lift and drag of cloth panels); Wejchert, Haumann 1991 (normal and tangential parts).
 """
@@ -37,14 +37,14 @@ from flag_env.physics.effects.links import sides_of
 from flag_env.physics.effects.wind import (
     TINY,
     Cloth,
-    Swing,
+    Oscillation,
     TearingCloth,
     Turbulence,
     Wind,
     advance_phase,
     advance_turbulence,
+    oscillation_value,
     press,
-    swing_value,
 )
 from flag_env.physics.lattice import Lattice
 
@@ -65,7 +65,7 @@ class AirPressureData(NamedTuple):
     """A cloth in a smooth wind [m/s]."""
 
     cloth: Cloth | TearingCloth
-    wind: Swing
+    wind: Oscillation
 
     @staticmethod
     def state() -> tuple[str, ...]:
@@ -77,7 +77,7 @@ class AirPressureData(NamedTuple):
     def force(data, copy, x, v, f, effect_work, lag):
         """Add the pressure of an air that is the same everywhere."""
         for d in range(3):
-            _relative(v[d], f.dtype.type(swing_value(data.wind, copy, d, lag)), effect_work[d], x.shape[1])
+            _relative(v[d], f.dtype.type(oscillation_value(data.wind, copy, d, lag)), effect_work[d], x.shape[1])
         press(data.cloth, copy, x, effect_work, f)
 
     @staticmethod
@@ -91,7 +91,7 @@ class GustyAirPressureData(NamedTuple):
     """A cloth in a turbulent wind [m/s]."""
 
     cloth: Cloth | TearingCloth
-    wind: Swing
+    wind: Oscillation
     turbulence: Turbulence
 
     @staticmethod
@@ -228,7 +228,7 @@ class AirPressure(Wind):
         beyond = min(1.0 / (self.max_speed * lattice.spacings[0] * lattice.spacings[1]), float(np.finfo(dtype).max))
         constants = np.array([1.0 / 3.0, along, self.friction, self.lift, TINY, beyond], dtype)
         work = np.zeros((context.copies, 6, lattice.size), dtype)
-        wind = self.swing(context.copies)
+        wind = self.oscillation(context.copies)
         sides = sides_of(context.links) if context.breaks else None
         if sides is None:
             cloth: Cloth | TearingCloth = Cloth(lattice.cols, weight[None], constants, work)

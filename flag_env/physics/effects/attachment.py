@@ -9,7 +9,7 @@ rest length. Parameters: particle (layer, row, col), point p, stiffness k, visco
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +60,29 @@ class AttachmentData(NamedTuple):
             point = f.dtype.type(data.point[copy, data.axes[d]])
             f[d, t] += data.stiffness * (point - x[d, t]) - data.viscosity * v[d, t]
 
+    @staticmethod
+    def parameters() -> tuple[str, ...]:
+        """What `slopes` are with respect to."""
+        return "stiffness", "viscosity"
+
+    @staticmethod
+    @jit
+    def pull_back(data, copy, x, v, g, dx, dv, effect_work, lag):
+        """Spring and damper are linear."""
+        t = data.particle
+        for d in range(g.shape[0]):
+            dx[d, t] -= data.stiffness * g[d, t]
+            dv[d, t] -= data.viscosity * g[d, t]
+
+    @staticmethod
+    @jit
+    def slopes(data, copy, x, v, g, out, effect_work, lag):
+        """By the stiffness: p - x; by the viscosity: -v."""
+        t = data.particle
+        for d in range(g.shape[0]):
+            out[0] += g[d, t] * (data.point[copy, data.axes[d]] - x[d, t])
+            out[1] -= g[d, t] * v[d, t]
+
 
 @dataclass(frozen=True)
 class Attachment(Effect):
@@ -76,6 +99,8 @@ class Attachment(Effect):
     viscosity
         Of the damper [N s/m], >= 0.
     """
+
+    scales_with: ClassVar[tuple[str, ...] | None] = ("stiffness", "viscosity")
 
     particle: tuple[int, ...] = (0, 0, 0)
     point: tuple[float, ...] = (0.0, 0.0, 0.0)

@@ -125,12 +125,16 @@ class Effect:
         Whether it may break links while a scene runs, which then lose their stiffness and their damping.
     wind_unit
         Unit of its wind's mean and amplitude: "N", a force on every particle, or "m/s", a velocity of the air; its data then has
-        a `Swing` called `wind`. None: it has no wind.
+        a `Oscillation` called `wind`. None: it has no wind.
+    scales_with
+        Parameters whose common factor is one of the force, while the particles' masses stay; none where the force follows the
+        masses themselves; None: not known. From them gradients know what a change of the masses does.
     """
 
     rank: ClassVar[int] = 0
     breaks: ClassVar[bool] = False
     wind_unit: ClassVar[str | None] = None
+    scales_with: ClassVar[tuple[str, ...] | None] = None
 
     _: KW_ONLY
     name: str | None = None

@@ -16,8 +16,13 @@ HOOKS = {
     "force": "force(data, copy, x, v, f, effect_work, lag)",
     "project": "project(data, copy, x, v, effect_work, inverse_mass, seconds)",
     "advance": "advance(data, copy, seconds)",
+    "pull_back": "pull_back(data, copy, x, v, g, dx, dv, effect_work, lag)",
+    "slopes": "slopes(data, copy, x, v, g, out, effect_work, lag)",
 }
 """The compiled hooks and their signatures; the first argument is the data."""
+
+ACTING = {"force", "project", "advance"}
+"""Those of which an effect must have one; the others carry derivatives back."""
 
 _NEAR = 0.7
 """Likeness from which on another name counts as a misspelt hook."""
@@ -71,8 +76,9 @@ def _check_data(effect: Effect, data: Any) -> None:
         if near and attribute not in HOOKS:
             raise TypeError(f"effect {name} has no hook {attribute!r} to offer; did you mean {HOOKS[near[0]]}?")
     hooks = [hook for hook in HOOKS if hasattr(kind, hook)]
-    if not hooks:
-        raise TypeError(f"effect {name} must have a hook on {kind.__name__}: {' or '.join(HOOKS.values())}")
+    if not set(hooks) & ACTING:
+        acting = (signature for hook, signature in HOOKS.items() if hook in ACTING)
+        raise TypeError(f"effect {name} must have a hook on {kind.__name__}: {' or '.join(acting)}")
     for hook in hooks:
         function = getattr(kind, hook)
         if not hasattr(function, "py_func") and not _uncompiled():

@@ -5,15 +5,17 @@ Parameters: amplitude a [N], frequency f [rad/s], mean c [N], phase p [rad] at t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.effects._sums import total
 from flag_env.physics.effects.base import BindContext, LinearBound
-from flag_env.physics.effects.wind import Swing, Wind, advance_phase, swing_value
+from flag_env.physics.effects.wind import Oscillation, Wind, advance_phase, oscillation_value
 from flag_env.physics.lattice import Lattice
 
 
@@ -27,7 +29,7 @@ class CosineWindData(NamedTuple):
     """`axes` of the scene's coordinates, and the wind [N]."""
 
     axes: NDArray[np.int64]
-    wind: Swing
+    wind: Oscillation
 
     @staticmethod
     def state() -> tuple[str, ...]:
@@ -39,8 +41,27 @@ class CosineWindData(NamedTuple):
     def force(data, copy, x, v, f, effect_work, lag):
         """Add the wind of the moment `lag` seconds on."""
         for d in range(f.shape[0]):
-            wind = swing_value(data.wind, copy, data.axes[d], lag)
+            wind = oscillation_value(data.wind, copy, data.axes[d], lag)
             _add_constant(f[d], f.dtype.type(wind), f.shape[1])
+
+    @staticmethod
+    def parameters() -> tuple[str, ...]:
+        """What `slopes` are with respect to."""
+        return "mean", "amplitude"
+
+    @staticmethod
+    @jit
+    def pull_back(data, copy, x, v, g, dx, dv, effect_work, lag):
+        """Nothing: the force depends on time alone."""
+
+    @staticmethod
+    @jit
+    def slopes(data, copy, x, v, g, out, effect_work, lag):
+        """By the mean along each axis: 1; by the amplitude: the cosine of the moment."""
+        for d in range(g.shape[0]):
+            i, all_free = data.axes[d], total(g[d], g.shape[1])
+            out[i] += all_free
+            out[3 + i] += all_free * math.cos(data.wind.phase[copy, i] + data.wind.frequency[copy, i] * lag)
 
     @staticmethod
     @jit
@@ -65,6 +86,8 @@ class CosineWind(Wind):
         (x, y, z) at the start [rad].
     """
 
+    scales_with: ClassVar[tuple[str, ...] | None] = ("mean", "amplitude")
+
     amplitude: tuple[float, ...] = (0.0, 0.0, 0.0)
     frequency: tuple[float, ...] = (0.0, 0.0, 0.0)
     mean: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -82,4 +105,4 @@ class CosineWind(Wind):
 
     def bind(self, context: BindContext) -> CosineWindData:
         """Axes, and one row of the wind for each copy."""
-        return CosineWindData(np.array(context.lattice.axes), self.swing(context.copies))
+        return CosineWindData(np.array(context.lattice.axes), self.oscillation(context.copies))

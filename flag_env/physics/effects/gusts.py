@@ -32,13 +32,13 @@ from flag_env import _validate
 from flag_env.physics.compiling import jit, kernel
 from flag_env.physics.effects.base import BindContext, LinearBound
 from flag_env.physics.effects.wind import (
-    Swing,
+    Oscillation,
     Turbulence,
     Wind,
     advance_phase,
     advance_turbulence,
     filter_coefficients,
-    swing_value,
+    oscillation_value,
 )
 from flag_env.physics.lattice import Lattice
 
@@ -50,7 +50,7 @@ FOOT = 0.3048
 def air_of_columns(wind, turbulence, copy, i, lag, out):
     """Write the air's velocity along axis i at every column [m/s] to the start of `out`."""
     share = min(max(lag * turbulence.per_second, 0.0), 1.0)
-    air = swing_value(wind, copy, i, lag)
+    air = oscillation_value(wind, copy, i, lag)
     delay = turbulence.delay
     _interpolate(turbulence.history[copy, i], turbulence.head[copy, 0], delay, share, air, out, len(delay))
 
@@ -94,7 +94,7 @@ class GustsData(NamedTuple):
 
     axes: NDArray[np.int64]
     push: NDArray[Any]
-    wind: Swing
+    wind: Oscillation
     turbulence: Turbulence
 
     @staticmethod
@@ -239,4 +239,4 @@ class Gusts(Wind):
     def bind(self, context: BindContext) -> GustsData:
         """Air and turbulence in float64, forces in the scene's dtype."""
         push = (self.rate * context.lattice.masses).astype(context.dtype)
-        return GustsData(np.array(context.lattice.axes), push, self.swing(context.copies), self.turbulence(context))
+        return GustsData(np.array(context.lattice.axes), push, self.oscillation(context.copies), self.turbulence(context))

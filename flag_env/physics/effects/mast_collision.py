@@ -1,4 +1,4 @@
-"""Mast collision: the cloth does not enter the pole that it hangs on.
+"""Mast collision: the cloth does not enter the pole that holds it.
 
 The pole is a capsule: all points nearer than r to a segment. The segment runs from the first to the last pinned row of column 0,
 layer 0, wherever these are now, and on below the first by a length h. After each step, for a particle at p from the nearest point
@@ -16,7 +16,7 @@ particles, p and u those of a point of it and w its particles' inverse masses, b
 
 for edges and both diagonals of the cells, n across edge and pole, and for the cells' triangles where one of the pole's ends
 enters them: no triangle takes the pole's axis between its corners, as long as r is a tenth of the spacing. Thinner poles leave
-the pushes little room: at 2 to 6 % of the spacing, cloth whipped round the pole was seen to take it in, with self-collision,
+the pushes little space: at 2 to 6 % of the spacing, cloth whipped round the pole was seen to take it in, with self-collision,
 whose pushes no velocity tells, or in single precision, about once in 4000 steps. Where pushes contradict each other, cloth
 between particles may stay inside by less than r. Cells have links of `Structural` on all sides: without them, or torn, they are
 no cloth, and the pole passes between the corners.
@@ -38,130 +38,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env import _validate
-from flag_env.physics.compiling import jit, kernel
+from flag_env.physics.compiling import jit
 from flag_env.physics.effects.base import BindContext, Effect, LinearBound
-from flag_env.physics.effects.contact import SHALLOW, edges_near, keep_cells_out, retrace, trace
+from flag_env.physics.effects.contact import (
+    SHALLOW,
+    count_near_pole,
+    dot,
+    edges_near,
+    keep_cells_out,
+    keep_particles_out,
+    push_particles_out,
+    retrace,
+    trace,
+)
 from flag_env.physics.effects.links import sides_of
 from flag_env.physics.lattice import Lattice
 
 TINY = 1e-30
 """Squared length [m^2] below which a vector has no direction."""
-
-
-@kernel
-def _count_near(x, y, z, u, v, w, free, outside, foot, axis, speed, turn, ahead, inverse, low, radius, h, n):
-    """Number of free particles that may have touched the pole, and of those that may have been less than r ahead of its axis.
-
-    The first are those with |p|^2 < 2 r^2 + 2 |u t|^2, which holds wherever |p| < r + |u t|. Where there are none of the second,
-    no cloth between particles has come near.
-    """
-    one = x.dtype.type(1)
-    two = x.dtype.type(2)
-    near = 0
-    behind = 0
-    for t in range(n):
-        px = x[t] - foot[0]
-        py = y[t] - foot[1]
-        pz = z[t] - foot[2]
-        s = min(max((px * axis[0] + py * axis[1] + pz * axis[2]) * inverse, low), one)
-        px -= s * axis[0]
-        py -= s * axis[1]
-        pz -= s * axis[2]
-        du = (u[t] - speed[0] - s * turn[0]) * h
-        dv = (v[t] - speed[1] - s * turn[1]) * h
-        dw = (w[t] - speed[2] - s * turn[2]) * h
-        square = du * du + dv * dv + dw * dw
-        spare = px * px + py * py + pz * pz - two * (radius * radius + square)
-        near += (spare < 0) & (free[t] > 0)
-        clear = px * ahead[0] + py * ahead[1] + pz * ahead[2] - radius
-        behind += ((clear < 0) | (clear * clear < square)) & (outside[t] != 0)
-    return near, behind
-
-
-@jit
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@jit
-def _plus(a, s, b):
-    """Sum a + s b."""
-    return a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]
-
-
-@jit
-def _normal(p, d, axis, radius, tiny):
-    """Whether a path from p - d to p touches the pole, and the unit normal there; p and d are relative to the pole."""
-    zero = radius * 0
-    one = zero + type(radius)(1)
-    q = _plus(p, -one, d)
-    inside, before = _dot(p, p) < radius * radius, _dot(q, q) < radius * radius
-    if not before:
-        a, b, c = _dot(d, d), _dot(q, d), _dot(q, q) - radius * radius
-        root = b * b - a * c
-        if b < 0 and root > 0 and (inside or -b - np.sqrt(root) <= a):
-            entry = _plus(q, (-b - np.sqrt(root)) / a, d)
-            return True, _plus((zero, zero, zero), one / np.sqrt(_dot(entry, entry)), entry)
-    if not inside:
-        return False, p
-    away = p
-    if _dot(away, away) <= tiny:
-        away = q
-    if _dot(away, away) <= tiny:  # on the axis, at rest: any direction across it
-        away = (-axis[1], axis[0], zero) if abs(axis[2]) < abs(axis[0]) + abs(axis[1]) else (axis[2], zero, -axis[0])
-    if _dot(away, away) <= tiny:
-        away = (one, zero, zero)
-    return True, _plus((zero, zero, zero), one / np.sqrt(_dot(away, away)), away)
-
-
-@jit
-def _keep_out(x, v, inverse_mass, foot, axis, speed, turn, inverse, low, radius, bounce, friction, tiny, h):
-    """Move the particles that have entered the pole to its surface, stop their approach and brake their sliding."""
-    one = radius * 0 + type(radius)(1)
-    for t in range(x.shape[1]):
-        if inverse_mass[t] == 0:
-            continue
-        p = _plus((x[0, t], x[1, t], x[2, t]), -one, foot)
-        along = _dot(p, axis) * inverse
-        s = min(max(along, low), one)
-        p = _plus(p, -s, axis)
-        pole = _plus(speed, s, turn)
-        u = _plus((v[0, t], v[1, t], v[2, t]), -one, pole)
-        across = u
-        if low < along < one:  # beside the pole, not at its ends: sliding along it is no approach
-            across = _plus(u, -_dot(u, axis) * inverse, axis)
-        touched, n = _normal(p, _plus((h * 0, h * 0, h * 0), h, across), axis, radius, tiny)
-        if not touched:
-            continue
-        depth = radius - _dot(p, n)
-        if depth > 0:
-            for d in range(3):
-                x[d, t] += depth * n[d]
-        rate = _dot(u, n)
-        if rate < 0:
-            slide = _plus(u, -rate, n)
-            size = np.sqrt(_dot(slide, slide))
-            kept = one - min(-friction * bounce * rate / size, one) if size > 0 else one
-            u = _plus((pole[0], pole[1], pole[2]), kept, slide)
-            u = _plus(u, rate - bounce * rate, n)
-            for d in range(3):
-                v[d, t] = u[d]
-
-
-@jit
-def _push_out(x, inverse_mass, foot, axis, inverse, low, radius):
-    """Put the particles that are in the pole on its surface."""
-    one = radius * 0 + type(radius)(1)
-    for t in range(x.shape[1]):
-        if inverse_mass[t] == 0:
-            continue
-        p = _plus((x[0, t], x[1, t], x[2, t]), -one, foot)
-        p = _plus(p, -min(max(_dot(p, axis) * inverse, low), one), axis)
-        square = _dot(p, p)
-        if 0 < square < radius * radius:
-            depth = radius / np.sqrt(square) - one
-            for d in range(3):
-                x[d, t] += depth * p[d]
 
 
 class MastCollisionData(NamedTuple):
@@ -214,12 +108,12 @@ class MastCollisionData(NamedTuple):
         axis = x[0, b] - x[0, a], x[1, b] - x[1, a], x[2, b] - x[2, a]
         speed = v[0, a], v[1, a], v[2, a]
         turn = v[0, b] - v[0, a], v[1, b] - v[1, a], v[2, b] - v[2, a]
-        inverse = one / (_dot(axis, axis) + data.tiny)
+        inverse = one / (dot(axis, axis) + data.tiny)
         low = -data.below * np.sqrt(inverse)
-        length = np.sqrt(_dot(axis, axis))
+        length = np.sqrt(dot(axis, axis))
         frame = _frame(axis, length)
         ahead = _ahead(x, foot, frame, data.cols)
-        near, behind = _count_near(
+        near, behind = count_near_pole(
             x[0], x[1], x[2], v[0], v[1], v[2], inverse_mass, data.outside, foot, axis, speed, turn, ahead, inverse, low,
             data.radius, h, n,
         )  # fmt: skip
@@ -235,7 +129,7 @@ class MastCollisionData(NamedTuple):
                 p[0], p[1], p[2], q[0], q[1], q[2], n,
             )  # fmt: skip
         if near:
-            _keep_out(
+            keep_particles_out(
                 x, v, inverse_mass, foot, axis, speed, turn, inverse, low,
                 data.radius, data.bounce, data.friction, data.tiny, h,
             )  # fmt: skip
@@ -244,7 +138,7 @@ class MastCollisionData(NamedTuple):
                 retrace(x[0], x[1], x[2], foot, frame[0], frame[1], frame[2], data.radius, p[0], p[1], p[2], q[0], q[1], reach, n)
             links = data.links[copy % data.links.shape[0]]
             keep_cells_out(data, links, x, v, inverse_mass, frame, p, q, reach, pole, -data.below, length)
-            _push_out(x, inverse_mass, foot, axis, inverse, low, data.radius)
+            push_particles_out(x, inverse_mass, foot, axis, inverse, low, data.radius)
 
 
 @jit
@@ -257,8 +151,8 @@ def _ahead(x, foot, frame, cols):
     for first in (0, n // cols // 2 * cols, n - cols):
         for t in range(first, first + cols):
             p = x[0, t] - foot[0], x[1, t] - foot[1], x[2, t] - foot[2]
-            a += _dot(p, across)
-            b += _dot(p, beside)
+            a += dot(p, across)
+            b += dot(p, beside)
     size = np.sqrt(a * a + b * b)
     scale = x.dtype.type(1) / size if size > 0 else zero
     a *= scale
@@ -274,7 +168,7 @@ def _frame(axis, length):
     scale = one / length if length > 0 else zero
     up = axis[0] * scale, axis[1] * scale, axis[2] * scale
     a = (-up[1], up[0], zero) if abs(up[2]) < abs(up[0]) + abs(up[1]) else (up[2], zero, -up[0])
-    size = np.sqrt(_dot(a, a))
+    size = np.sqrt(dot(a, a))
     scale = one / size if size > 0 else zero
     a = a[0] * scale, a[1] * scale, a[2] * scale
     return a, (up[1] * a[2] - up[2] * a[1], up[2] * a[0] - up[0] * a[2], up[0] * a[1] - up[1] * a[0]), up

@@ -18,7 +18,7 @@ Forces and the step limit stay as they are.
 A push does work against the springs, which an impact must take out: restitution above MOST_RESTITUTION makes energy.
 
 Parameters: thickness [m], friction mu [1], restitution e [1]. The pairs come from a list (Verlet 1967) of those nearer than the
-thickness and a skin, made anew by `blocks` or `cells` once a particle has moved by half the skin. The list has room for
+thickness and a skin, made anew by `blocks` or `cells` once a particle has moved by half the skin. The list can hold
 four layers of cloth; where more meet, every step searches anew, and no pair is left out. Sources: Bridson, Fedkiw,
 Anderson, Robust Treatment of Collisions, Contact and Friction for Cloth Animation, SIGGRAPH 2002 (impulses, friction); Mueller
 et al., Position Based Dynamics, J. Vis. Commun. 2007 (positions).
@@ -50,7 +50,7 @@ from flag_env.physics.effects.contact import (
 from flag_env.physics.lattice import Lattice
 
 THICKNESS = 1.2
-"""Thickness unless told, in spacings; 1.0 was found to leak in the strongest winds."""
+"""Default thickness, in spacings; 1.0 was found to leak in the strongest winds."""
 
 SHARE = 0.7
 """Part of its rest distance to which a pair may come near, however thick the cloth: the rest pose is free of contact."""
@@ -72,7 +72,7 @@ TINY = 1e-30
 
 
 class SelfCollisionData(NamedTuple):
-    """Contact constants, each copy's list of pairs, and room to make it.
+    """Contact constants, each copy's list of pairs, and memory to make it in.
 
     Attributes
     ----------

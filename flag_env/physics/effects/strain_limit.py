@@ -14,8 +14,9 @@ are solved at once. On one line, with n_i the links' directions, c_i = d_i - L, 
     T p = c ,  T_ii = w_i + w_i+1 ,  T_i,i+1 = min(0, -w_i+1 n_i.n_i+1) ,  p >= 0 ,  x'_i = x_i + w_i (p_i n_i - p_i-1 n_i-1)
 
 which is tridiagonal. T is an M-matrix, so that dropping slack links with p < 0 ends with all p >= 0; leaving out its positive
-elements (folds) keeps 2 T - J W J' semi-definite, so that no turn moves the pose away from any admissible one. Rows and columns
-take turns until no link is longer than L (1 + TOLERANCE), at most `iterations` times; a step after which one is, is counted.
+elements (folds) keeps 2 T - J W J' semi-definite, so that no pass moves the pose away from any admissible one. Rows and columns
+are treated in turn until no link is longer than L (1 + TOLERANCE), at most `iterations` times. A step is counted where one still
+is.
 
 A pose that is beyond the limit before a step (as placed by hand) is shortened first, without a change of velocity. Where the
 mast makes the limit impossible, as two pinned ends too far apart do, the links stay longer, the lightest most, and the result is
@@ -66,11 +67,11 @@ class StrainLimitData(NamedTuple):
     tolerance
         Relative excess that is left.
     iterations
-        Most turns of rows and columns.
+        Most passes over rows and columns.
     missed : (copies,)
         Number of steps after which a link was left longer.
     work : (copies, 4, particles)
-        Room for the links of one family.
+        Scratch for the links of one family.
     """
 
     offset: NDArray[np.int64]
@@ -119,7 +120,7 @@ class StrainLimit(Effect):
     stretch
         Largest strain s of a link, >= 0; infinite: no limit.
     iterations
-        Most turns of rows and columns in a step; it stops as soon as the limit holds to one part in a thousand, mostly after
+        Most passes over rows and columns in a step; it stops as soon as the limit holds to one part in a thousand, mostly after
         less than ten. Steps that need more are counted by `Simulator.strain_limit_misses`, and the first of them warns.
     """
 

@@ -36,6 +36,19 @@ def _accumulate(a, b, factor, n):
 
 
 @kernel
+def _add_row(a, b, n):
+    for t in range(n):
+        a[t] += b[t]
+
+
+@kernel
+def add_rows(a, b):
+    """Add b to a, for as many rows as `a` has."""
+    for d in range(a.shape[0]):
+        _add_row(a[d], b[d], a.shape[1])
+
+
+@kernel
 def copy_rows(a, b):
     """Set a = b for as many rows as `b` has."""
     for d in range(b.shape[0]):

@@ -71,10 +71,13 @@ class Integrator:
     undamped_share
         Share of the limit up to which the energy of undamped cloth in violent motion stays; `timestep="auto"` takes no more where
         some stiffness is undamped.
+    solves_damping
+        Whether a step solves with the scene's damping, as bounded, so that a viscosity is felt there too.
     """
 
     order: ClassVar[int]
     undamped_share: ClassVar[float] = 0.9
+    solves_damping: ClassVar[bool] = False
 
     @property
     def evaluations(self) -> int:

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from flag_env import _validate
-from flag_env.physics.compiling import forces, jit, kernel
+from flag_env.physics.compiling import forces, jit, kernel, pull_back
 from flag_env.physics.integrators.base import Integrator, Spectrum
 
 
@@ -40,6 +40,26 @@ def _half_kick(f, v, inverse_mass, half, n):
 def _half_kick_back(f, v, inverse_mass, half, n):
     for t in range(n):
         v[t] -= half * inverse_mass[t] * f[t]
+
+
+@kernel
+def _drift_back(g, dx, dv, inverse_mass, h, n):
+    for t in range(n):
+        dv[t] += h * dx[t]
+        g[t] = h * inverse_mass[t] * dv[t]
+
+
+@kernel
+def _half_kick_share(g, dv, after, inverse_mass, half, n):
+    for t in range(n):
+        dv[t] += after[t]
+        g[t] = half * inverse_mass[t] * after[t]
+
+
+@kernel
+def _start_share(g, dv, inverse_mass, half, n):
+    for t in range(n):
+        g[t] = -half * inverse_mass[t] * dv[t]
 
 
 class LeapfrogData(NamedTuple):
@@ -70,6 +90,31 @@ class LeapfrogData(NamedTuple):
         for d in range(x.shape[0]):
             _half_kick(f[d], v[d], inverse_mass, method.half, x.shape[1])
 
+    @staticmethod
+    def back_rows() -> int:
+        """Rows of work on the way back."""
+        return 1
+
+    @staticmethod
+    @jit
+    def step_back(method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag):
+        """Undo drift and kick."""
+        g = work[0, : x.shape[0]]
+        for d in range(x.shape[0]):
+            _drift_back(g[d], dx[d], dv[d], inverse_mass, method.timestep, x.shape[1])
+        pull_back(effects, slopes, copy, x, v, v, g, dx, dv, effect_work, lag)
+
+    @staticmethod
+    @jit
+    def velocity_back(
+        method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag
+    ):  # fmt: skip
+        """Through half a kick."""
+        g = work[0, : x.shape[0]]
+        for d in range(x.shape[0]):
+            _half_kick_share(g[d], dv[d], after[d], inverse_mass, method.half, x.shape[1])
+        pull_back(effects, slopes, copy, x, v, v, g, dx, dv, effect_work, lag)
+
 
 class VerletData(LeapfrogData):
     """The same, started with half a kick."""
@@ -81,6 +126,15 @@ class VerletData(LeapfrogData):
         forces(effects, copy, x, v, f, effect_work, 0.0)
         for d in range(x.shape[0]):
             _half_kick_back(f[d], v[d], inverse_mass, method.half, x.shape[1])
+
+    @staticmethod
+    @jit
+    def start_back(method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag):
+        """Undo half a kick back."""
+        g = work[0, : x.shape[0]]
+        for d in range(x.shape[0]):
+            _start_share(g[d], dv[d], inverse_mass, method.half, x.shape[1])
+        pull_back(effects, slopes, copy, x, v, v, g, dx, dv, effect_work, lag)
 
 
 @dataclass(frozen=True)

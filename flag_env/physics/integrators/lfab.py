@@ -20,7 +20,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics.compiling import forces, jit, kernel
+from flag_env.physics.compiling import forces, jit, kernel, pull_back
 from flag_env.physics.integrators.base import Integrator, Spectrum
 
 
@@ -50,6 +50,55 @@ def _go_back(v, last, f, inverse_mass, half, h, n):
     for t in range(n):
         v[t] -= half * inverse_mass[t] * f[t]
         last[t] = v[t] - h * inverse_mass[t] * f[t]
+
+
+@kernel
+def _felt(u, v, last, inverse_mass, half, n):
+    for t in range(n):
+        u[t] = v[t] + half * (v[t] - last[t]) if inverse_mass[t] > 0 else v[t]
+
+
+@kernel
+def _drift_back(u, v, last, g, du, dx, dv, inverse_mass, half, h, n):
+    for d in range(v.shape[0]):
+        for t in range(n):
+            u[d, t] = v[d, t] + half * (v[d, t] - last[d, t]) if inverse_mass[t] > 0 else v[d, t]
+            by_velocity = dv[d, t] + h * dx[d, t]
+            dv[d, t] = by_velocity
+            g[d, t] = h * inverse_mass[t] * by_velocity
+            du[d, t] = 0
+
+
+@kernel
+def _half_kick_share(g, du, dv, after, inverse_mass, half, n):
+    for t in range(n):
+        dv[t] += after[t]
+        g[t] = half * inverse_mass[t] * after[t]
+        du[t] = 0
+
+
+@kernel
+def _start_share(g, dv, dlast, inverse_mass, half, h, n):
+    for t in range(n):
+        g[t] = -inverse_mass[t] * (half * dv[t] + (half + h) * dlast[t])
+        dv[t] += dlast[t]
+
+
+@kernel
+def _remember(du, dv, dlast, inverse_mass, half, n):
+    for d in range(du.shape[0]):
+        for t in range(n):
+            share = half * du[d, t] if inverse_mass[t] > 0 else 0 * du[d, t]
+            dv[d, t] += du[d, t] + share + dlast[d, t]
+            dlast[d, t] = -share
+
+
+@kernel
+def _remember_more(du, dv, dlast, inverse_mass, half, n):
+    for t in range(n):
+        share = half * du[t] if inverse_mass[t] > 0 else 0 * du[t]
+        dv[t] += du[t] + share
+        dlast[t] -= share
 
 
 class LFABData(NamedTuple):
@@ -95,6 +144,45 @@ class LFABData(NamedTuple):
         forces(effects, copy, x, u, f, effect_work, 0.0)
         for d in range(x.shape[0]):
             _half_kick(f[d], v[d], inverse_mass, method.half, x.shape[1])
+
+    @staticmethod
+    def back_rows() -> int:
+        """Rows of work on the way back."""
+        return 3
+
+    @staticmethod
+    @jit
+    def step_back(method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag):
+        """Undo drift and kick, then the extrapolation; what was remembered is the velocity before the step."""
+        g, du, u = work[0, : x.shape[0]], work[1, : x.shape[0]], work[2, : x.shape[0]]
+        _drift_back(u, v, history, g, du, dx, dv, inverse_mass, method.one_half, method.timestep, x.shape[1])
+        pull_back(effects, slopes, copy, x, u, u, g, dx, du, effect_work, lag)
+        _remember(du, dv, dhistory[0], inverse_mass, method.one_half, x.shape[1])
+
+    @staticmethod
+    @jit
+    def velocity_back(
+        method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag
+    ):  # fmt: skip
+        """Through half a kick at the extrapolated velocities."""
+        g, du, u = work[0, : x.shape[0]], work[1, : x.shape[0]], work[2, : x.shape[0]]
+        for d in range(x.shape[0]):
+            _felt(u[d], v[d], history[d], inverse_mass, method.one_half, x.shape[1])
+            _half_kick_share(g[d], du[d], dv[d], after[d], inverse_mass, method.half, x.shape[1])
+        pull_back(effects, slopes, copy, x, u, u, g, dx, du, effect_work, lag)
+        for d in range(x.shape[0]):
+            _remember_more(du[d], dv[d], dhistory[0, d], inverse_mass, method.one_half, x.shape[1])
+
+    @staticmethod
+    @jit
+    def start_back(
+        method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag
+    ):  # fmt: skip
+        """Both velocities come from those of the start and one force."""
+        g = work[0, : x.shape[0]]
+        for d in range(x.shape[0]):
+            _start_share(g[d], dv[d], dhistory[0, d], inverse_mass, method.half, method.timestep, x.shape[1])
+        pull_back(effects, slopes, copy, x, v, v, g, dx, dv, effect_work, lag)
 
 
 @dataclass(frozen=True)

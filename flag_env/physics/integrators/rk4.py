@@ -22,8 +22,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from flag_env.physics.compiling import forces, jit, kernel
-from flag_env.physics.integrators._rows import accumulate, add_multiple, copy_rows
+from flag_env.physics.compiling import forces, jit, kernel, pull_back
+from flag_env.physics.integrators._rows import accumulate, add_multiple, add_rows, copy_rows
 from flag_env.physics.integrators.base import Integrator, Spectrum, positive_root
 
 BULGE = ((1.0, -1.258, 8.0), (1.0, 0.097, 8.735), (0.0, 1.0, 2.785293563405))
@@ -37,6 +37,20 @@ SAG = ((1.0, 1.4, 10.314), (1.0, 0.618, 8.482))
 def _accelerate(f, inverse_mass, n):
     for t in range(n):
         f[t] *= inverse_mass[t]
+
+
+@kernel
+def _stage_share(g, next_x, next_v, end_x, end_v, inverse_mass, share, reach, last, n):
+    """From the derivatives by the step's end and by the next stage, those by a stage's slopes: of its velocities in `next_v`.
+
+    `next_x` is cleared.
+    """
+    for t in range(n):
+        by_speed = share * end_x[t] + (0 * reach if last else reach * next_x[t])
+        by_force = share * end_v[t] + (0 * reach if last else reach * next_v[t])
+        next_x[t] = 0
+        next_v[t] = by_speed
+        g[t] = inverse_mass[t] * by_force
 
 
 @jit
@@ -86,6 +100,49 @@ class RK4Data(NamedTuple):
     def velocity(method, effects, copy, x, v, history, f, effect_work, integrator_work, inverse_mass):
         """They are at the instant of the positions as they are."""
         copy_rows(f, v)
+
+    @staticmethod
+    def back_rows() -> int:
+        """Rows of work on the way back."""
+        return 13
+
+    @staticmethod
+    @jit
+    def step_back(method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag):
+        """Find the stages anew, then undo them from the last to the first."""
+        n = x.shape[0]
+        f = work[0, :n]
+        copy_rows(work[1], x)
+        copy_rows(work[5], v)
+        for stage in range(3):
+            at, speed = work[1 + stage, :n], work[5 + stage, :n]
+            _slope(effects, copy, at, speed, f, effect_work, inverse_mass, lag + (0.0, 0.5, 0.5)[stage] * method.seconds)
+            reach = method.timestep if stage == 2 else method.half
+            add_multiple(work[2 + stage, :n], x, speed, reach)
+            add_multiple(work[6 + stage, :n], v, f, reach)
+        end_x, end_v, next_x, next_v, g = f, work[9, :n], work[10, :n], work[11, :n], work[12, :n]
+        copy_rows(end_x, dx)
+        copy_rows(end_v, dv)
+        for back in range(4):
+            stage = 3 - back
+            share = method.third if stage == 1 or stage == 2 else method.sixth
+            reach = method.timestep if stage == 2 else method.half
+            for d in range(n):
+                _stage_share(g[d], next_x[d], next_v[d], end_x[d], end_v[d], inverse_mass, share, reach, back == 0, x.shape[1])
+            at, speed = work[1 + stage, :n], work[5 + stage, :n]
+            # the adjoint of the slope of the positions is already that of the stage's velocities
+            moment = lag + (0.0, 0.5, 0.5, 1.0)[stage] * method.seconds
+            pull_back(effects, slopes, copy, at, speed, speed, g, next_x, next_v, effect_work, moment)
+            add_rows(dx, next_x)
+            add_rows(dv, next_v)
+
+    @staticmethod
+    @jit
+    def velocity_back(
+        method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag
+    ):  # fmt: skip
+        """They are at the instant of the positions as they are."""
+        add_rows(dv, after)
 
 
 @dataclass(frozen=True)

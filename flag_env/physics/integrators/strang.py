@@ -27,9 +27,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from flag_env import _validate
-from flag_env.physics.compiling import forces, jit
+from flag_env.physics.compiling import forces, jit, pull_back
 from flag_env.physics.integrators._linear_algebra import Factor, factorise, improve
-from flag_env.physics.integrators._rows import accumulate, add, add_multiple, copy_rows
+from flag_env.physics.integrators._rows import accumulate, add, add_multiple, add_rows, copy_rows, scale
 from flag_env.physics.integrators.base import Integrator, Spectrum
 
 
@@ -69,6 +69,34 @@ class StrangData(NamedTuple):
         """They are at the instant of the positions as they are."""
         copy_rows(f, v)
 
+    @staticmethod
+    def back_rows() -> int:
+        """Rows of work on the way back."""
+        return 4
+
+    @staticmethod
+    @jit
+    def step_back(method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag):
+        """Undo drift, kick and drift: the kick's matrix is symmetric, and a viscosity acts on the mean velocity of the kick."""
+        n = x.shape[0]
+        g, middle, felt = work[0, :n], work[1, :n], work[2, :n]
+        accumulate(dv, dx, method.half)
+        g[:] = 0
+        improve(method.factor, g, dv, work[3], method.timestep)
+        add_multiple(middle, x, v, method.half)
+        add(felt, v, after)
+        scale(felt, method.one_half)
+        pull_back(effects, slopes, copy, middle, v, felt, g, dx, dv, effect_work, lag + 0.5 * method.seconds)
+        accumulate(dv, dx, method.half)
+
+    @staticmethod
+    @jit
+    def velocity_back(
+        method, effects, slopes, copy, x, v, history, after, dx, dv, dhistory, work, effect_work, inverse_mass, lag
+    ):  # fmt: skip
+        """They are at the instant of the positions as they are."""
+        add_rows(dv, after)
+
 
 @dataclass(frozen=True)
 class Strang(Integrator):
@@ -82,6 +110,7 @@ class Strang(Integrator):
 
     order: ClassVar[int] = 2
     undamped_share: ClassVar[float] = 0.5
+    solves_damping: ClassVar[bool] = True
 
     iterations: int = 1
 

@@ -41,8 +41,8 @@ def _share(lattice: Lattice, effects: tuple[Effect, ...], integrator: Integrator
     useful = _useful(lattice, effects, integrator)
     if integrator.undamped_share >= AUTO or not math.isfinite(useful):
         return AUTO
-    enough = DAMPED * AUTO * useful
-    damped = SceneSpectrum(lattice, effects).damped_step(stop_above=enough) >= enough
+    wanted = DAMPED * AUTO * useful
+    damped = SceneSpectrum(lattice, effects).damped_step(stop_above=wanted) >= wanted
     return AUTO if damped else integrator.undamped_share
 
 

@@ -17,7 +17,7 @@ _SLOT = 512
 """Distance within a page from the beginning of one array to that of the next [bytes]."""
 
 _ROW_SHIFT = 320
-"""The same for rows [bytes]."""
+"""Distance of rows, in multiples of which they begin [bytes]."""
 
 
 def zeros(slot: int, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:

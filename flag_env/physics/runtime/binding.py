@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from flag_env.physics.effects import BindContext, Effect
-from flag_env.physics.effects.wind import Swing
+from flag_env.physics.effects.wind import Oscillation
 
 
 def bind(effects: tuple[Effect, ...], context: BindContext) -> tuple[Any, ...]:
@@ -21,7 +21,7 @@ def rebind(old: tuple[Effect, ...], new: tuple[Effect, ...], bindings: tuple[Any
     return tuple(data if before == after else after.bind(context) for before, after, data in zip(old, new, bindings, strict=True))
 
 
-def winds(effects: tuple[Effect, ...], bindings: tuple[Any, ...]) -> list[Swing]:
+def winds(effects: tuple[Effect, ...], bindings: tuple[Any, ...]) -> list[Oscillation]:
     """The winds as they are now.
 
     Raises

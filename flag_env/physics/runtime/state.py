@@ -77,6 +77,13 @@ class State:
         arrays: dict[str, Any] = {name: value.copy() for name, value in own.items() if isinstance(value, np.ndarray)}
         return replace(self, **arrays, effects=tuple(tuple(array.copy() for array in group) for group in self.effects))
 
+    def only(self, copy: int) -> State:
+        """The state of one copy, in arrays of its own."""
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        one = slice(copy, copy + 1)
+        arrays: dict[str, Any] = {name: value[one].copy() for name, value in own.items() if isinstance(value, np.ndarray)}
+        return replace(self, **arrays, effects=tuple(tuple(array[one].copy() for array in group) for group in self.effects))
+
     def finite(self) -> NDArray[np.bool_]:
         """Whether all numbers of a copy are finite, shape (copies,)."""
         copies = len(self.positions)

@@ -1,4 +1,4 @@
-"""Near pairs of particles, found by cells of space and by blocks of the lattice."""
+"""Contact: near pairs of particles, and cloth against the pole."""
 
 from flag_env.physics.effects.contact.blocks import Blocks, blocks_of, codes, find_pairs_by_blocks
 from flag_env.physics.effects.contact.cells import (
@@ -9,7 +9,9 @@ from flag_env.physics.effects.contact.cells import (
     sort_into_cells,
     table_size,
 )
-from flag_env.physics.effects.contact.mast_cells import SHALLOW, edges_near, keep_cells_out, retrace, trace
+from flag_env.physics.effects.contact.mast_cells import SHALLOW, keep_cells_out
+from flag_env.physics.effects.contact.mast_motion import edges_near, retrace, trace
+from flag_env.physics.effects.contact.mast_particles import count_near_pole, dot, keep_particles_out, push_particles_out
 from flag_env.physics.effects.contact.pairs import make_list, treat_pairs
 
 __all__ = [
@@ -20,11 +22,15 @@ __all__ = [
     "copy_into",
     "count_different",
     "count_moved",
+    "count_near_pole",
+    "dot",
     "edges_near",
     "find_pairs",
     "find_pairs_by_blocks",
     "keep_cells_out",
+    "keep_particles_out",
     "make_list",
+    "push_particles_out",
     "retrace",
     "sort_into_cells",
     "table_size",

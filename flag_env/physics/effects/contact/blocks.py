@@ -121,13 +121,13 @@ def _centres(x, y, z, first, member, cx, cy, cz, blocks):
 
 
 @kernel
-def _pairs_of_blocks(x, y, z, first, member, far, code, free, block, other, count, one, two, room):
+def _pairs_of_blocks(x, y, z, first, member, far, code, free, block, other, count, one, two, capacity):
     """Write the pairs of all listed blocks; their number, -1 where they may not fit."""
     span = free.shape[0] // 2
     found = 0
     for c in range(count):
         p, q = block[c], other[c]
-        if found + (first[p + 1] - first[p]) * (first[q + 1] - first[q]) > room:
+        if found + (first[p + 1] - first[p]) * (first[q + 1] - first[q]) > capacity:
             return -1
         for k in range(first[p], first[p + 1]):
             a = member[k]
@@ -155,7 +155,7 @@ def _count_close(x, y, z, xb, yb, zb, far, n):
 
 
 @kernel
-def _pairs_of_line(x, y, z, far, of, block_code, block_free, code, free, right, cols, offset, one, two, found, room):
+def _pairs_of_line(x, y, z, far, of, block_code, block_free, code, free, right, cols, offset, one, two, found, capacity):
     """Append the pairs (t, t + offset) of blocks side by side that are no neighbours; -1 where they may not fit."""
     block_span, span = block_free.shape[0] // 2, free.shape[0] // 2
     for t in range(x.shape[0] - offset):
@@ -168,7 +168,7 @@ def _pairs_of_line(x, y, z, far, of, block_code, block_free, code, free, right, 
         apart = np.int64(code[b]) - np.int64(code[t]) + span
         blocks_apart = np.int64(block_code[of[b]]) - np.int64(block_code[of[t]]) + block_span
         if free[min(max(apart, 0), 2 * span)] and not block_free[min(max(blocks_apart, 0), 2 * block_span)]:
-            if found == room:
+            if found == capacity:
                 return -1
             one[found] = t
             two[found] = b
@@ -194,10 +194,10 @@ def find_pairs_by_blocks(x, blocks, code, free, reach, start, place, order, colu
     while places < 2 * count:
         places *= 2
     finite = sort_into_cells(cx, cy, cz, per_cell, start[: places + 1], place, order, column, sx, sy, sz, count)
-    room = pairs.shape[1] - PARTNERS * x.shape[1]  # block pairs wait behind the room for pairs of particles
-    if room <= 0:
+    capacity = pairs.shape[1] - PARTNERS * x.shape[1]  # block pairs wait behind the room for pairs of particles
+    if capacity <= 0:
         return -1
-    block, other = pairs[0, room:], pairs[1, room:]
+    block, other = pairs[0, capacity:], pairs[1, capacity:]
     met, searched = find_pairs(
         sx, sy, sz, per_cell, start[: places + 1], place, order, column, blocks.code, blocks.free, wide, 0, block, other, finite
     )
@@ -205,7 +205,20 @@ def find_pairs_by_blocks(x, blocks, code, free, reach, start, place, order, colu
         return -1
     far = reach * reach
     found = _pairs_of_blocks(
-        x[0], x[1], x[2], blocks.first, blocks.member, far, code, free, block, other, met, pairs[0, :room], pairs[1, :room], room
+        x[0],
+        x[1],
+        x[2],
+        blocks.first,
+        blocks.member,
+        far,
+        code,
+        free,
+        block,
+        other,
+        met,
+        pairs[0, :capacity],
+        pairs[1, :capacity],
+        capacity,
     )
     for j in range(blocks.down.shape[0]):
         if found < 0:
@@ -214,6 +227,6 @@ def find_pairs_by_blocks(x, blocks, code, free, reach, start, place, order, colu
         if _count_close(x[0], x[1], x[2], x[0, o:], x[1, o:], x[2, o:], far, x.shape[1] - o):
             found = _pairs_of_line(
                 x[0], x[1], x[2], far, blocks.of, blocks.code, blocks.free, code, free,
-                blocks.right[j], blocks.cols, o, pairs[0, :room], pairs[1, :room], found, room,
+                blocks.right[j], blocks.cols, o, pairs[0, :capacity], pairs[1, :capacity], found, capacity,
             )  # fmt: skip
     return found

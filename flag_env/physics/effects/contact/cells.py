@@ -81,7 +81,7 @@ def find_pairs(sx, sy, sz, per_cell, start, partner, order, column, code, free, 
     Candidates are written first and counted after: a branch on a coin toss would cost more than the test.
     """
     size = start.shape[0] - 1
-    room = one.shape[0]
+    capacity = one.shape[0]
     span = free.shape[0] // 2
     far = reach * reach
     found = 0
@@ -112,7 +112,7 @@ def find_pairs(sx, sy, sz, per_cell, start, partner, order, column, code, free, 
         first = found
         for o in range(p, past):
             ahead = o - p + 1
-            if found + m - ahead > room:
+            if found + m - ahead > capacity:
                 full, past = True, o
                 break
             a = order[o]

@@ -24,6 +24,8 @@ class Springs(NamedTuple):
         [N/m].
     tension : (families,)
         Stiffness times rest length [N].
+    length : (families,)
+        Rest length [m]; zero on a rope, whose links have none.
     tiny
         Added to the squared length [m^2].
     """
@@ -32,6 +34,7 @@ class Springs(NamedTuple):
     weight: NDArray[Any]
     stiffness: Any
     tension: NDArray[Any]
+    length: NDArray[Any]
     tiny: Any
 
 
@@ -42,6 +45,7 @@ class Dampers(NamedTuple):
     weight: NDArray[Any]
     stiffness: Any
     tension: NDArray[Any]
+    length: NDArray[Any]
     tiny: Any
     viscosity: Any
 
@@ -108,7 +112,7 @@ def add_family(f, g, offset):
 
 @jit
 def gather(f, effect_work, offset, j):
-    """The same for family `j`, two families at a time, the first in scratch's rows 0 to 2, the second in 3 to 5.
+    """Add the forces of family `j`, two families at a time, the first in scratch's rows 0 to 2, the second in 3 to 5.
 
     One look at the sums serves both.
     """

@@ -61,6 +61,7 @@ class LinkEffect(Effect):
     """
 
     directions: ClassVar[tuple[Direction, ...]] = ()
+    scales_with: ClassVar[tuple[str, ...] | None] = ("stiffness", "viscosity")
 
     stiffness: float = 0.0
     viscosity: float = 0.0
@@ -88,6 +89,7 @@ class LinkEffect(Effect):
             group.weight,
             number(self.stiffness),
             np.array([self.stiffness * family.length for family in group.families], dtype),
+            np.array([family.length if lattice.dimensions > 1 else 0.0 for family in group.families], dtype),
             number(TINY),
         )
         if self.viscosity == 0:

@@ -6,6 +6,7 @@ F = w [k (z2 - z1) + z (w2 - w1)]: no length and no root. Both kinds of damping 
 from __future__ import annotations
 
 from flag_env.physics.compiling import inlined, jit, kernel
+from flag_env.physics.effects.links.back import by_both, by_stiffness, elastic_slopes, isotropic_slopes
 from flag_env.physics.effects.links.kernels import Dampers, Springs, gather, pad
 
 
@@ -37,10 +38,47 @@ def _forces(data, copy, x, v, f, effect_work, lag):
         gather(f, effect_work, data.offset, j)
 
 
+class _Stretch1(Springs):
+    """Derivatives of springs by the positions, from those by the forces in place of velocities."""
+
+    @staticmethod
+    def pull(data, dz, gz, weight):
+        """See `_pull`."""
+        return weight * data.stiffness * gz
+
+
+class _Brake1(Dampers):
+    """Derivatives of isotropic dampers by the velocities, likewise."""
+
+    @staticmethod
+    def pull(data, dz, gz, weight):
+        """See `_pull`."""
+        return weight * data.viscosity * gz
+
+
+@jit
+def _elastic_back(data, copy, x, v, g, dx, dv, effect_work, lag):
+    """Shares of springs."""
+    springs = _Stretch1(data.offset, data.weight, data.stiffness, data.tension, data.length, data.tiny)
+    _forces(springs, copy, x, g, dx, effect_work, lag)
+
+
+@jit
+def _isotropic_back(data, copy, x, v, g, dx, dv, effect_work, lag):
+    """Shares of springs and isotropic dampers."""
+    springs = _Stretch1(data.offset, data.weight, data.stiffness, data.tension, data.length, data.tiny)
+    _forces(springs, copy, x, g, dx, effect_work, lag)
+    dampers = _Brake1(data.offset, data.weight, data.stiffness, data.tension, data.length, data.tiny, data.viscosity)
+    _forces(dampers, copy, x, g, dv, effect_work, lag)
+
+
 class Elastic1(Springs):
     """Springs alone."""
 
     force = staticmethod(_forces)
+    pull_back = staticmethod(_elastic_back)
+    slopes = staticmethod(elastic_slopes)
+    parameters = staticmethod(by_stiffness)
 
     @staticmethod
     def pull(data, dz, dw, weight):
@@ -52,6 +90,9 @@ class Damped1(Dampers):
     """Springs with dampers."""
 
     force = staticmethod(_forces)
+    pull_back = staticmethod(_isotropic_back)
+    slopes = staticmethod(isotropic_slopes)
+    parameters = staticmethod(by_both)
 
     @staticmethod
     def pull(data, dz, dw, weight):

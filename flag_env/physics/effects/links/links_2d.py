@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flag_env.physics.compiling import inlined, jit, kernel
+from flag_env.physics.effects.links.back import axial_back, axial_slopes, by_both, by_stiffness, elastic_slopes, isotropic_slopes
 from flag_env.physics.effects.links.kernels import Dampers, Springs, gather, pad
 
 
@@ -39,10 +40,52 @@ def _forces(data, copy, x, v, f, effect_work, lag):
         gather(f, effect_work, data.offset, j)
 
 
+class _Stretch2(Springs):
+    """Derivatives of springs by the positions, from those by the forces in place of velocities."""
+
+    @staticmethod
+    def pull(data, dx, dz, gx, gz, weight, tension):
+        """See `_pull`."""
+        d2 = dx * dx + dz * dz + data.tiny
+        pull = tension / np.sqrt(d2)
+        s = weight * (data.stiffness - pull)
+        q = weight * (pull * (dx * gx + dz * gz) / d2)
+        return s * gx + q * dx, s * gz + q * dz
+
+
+class _Brake2(Dampers):
+    """Derivatives of isotropic dampers by the velocities, likewise."""
+
+    @staticmethod
+    def pull(data, dx, dz, gx, gz, weight, tension):
+        """See `_pull`."""
+        b = weight * data.viscosity
+        return b * gx, b * gz
+
+
+@jit
+def _elastic_back(data, copy, x, v, g, dx, dv, effect_work, lag):
+    """Shares of springs."""
+    springs = _Stretch2(data.offset, data.weight, data.stiffness, data.tension, data.length, data.tiny)
+    _forces(springs, copy, x, g, dx, effect_work, lag)
+
+
+@jit
+def _isotropic_back(data, copy, x, v, g, dx, dv, effect_work, lag):
+    """Shares of springs and isotropic dampers."""
+    springs = _Stretch2(data.offset, data.weight, data.stiffness, data.tension, data.length, data.tiny)
+    _forces(springs, copy, x, g, dx, effect_work, lag)
+    dampers = _Brake2(data.offset, data.weight, data.stiffness, data.tension, data.length, data.tiny, data.viscosity)
+    _forces(dampers, copy, x, g, dv, effect_work, lag)
+
+
 class Elastic2(Springs):
     """Springs alone."""
 
     force = staticmethod(_forces)
+    pull_back = staticmethod(_elastic_back)
+    slopes = staticmethod(elastic_slopes)
+    parameters = staticmethod(by_stiffness)
 
     @staticmethod
     def pull(data, dx, dz, du, dw, weight, tension):
@@ -55,6 +98,9 @@ class Isotropic2(Dampers):
     """Springs with isotropic dampers."""
 
     force = staticmethod(_forces)
+    pull_back = staticmethod(_isotropic_back)
+    slopes = staticmethod(isotropic_slopes)
+    parameters = staticmethod(by_both)
 
     @staticmethod
     def pull(data, dx, dz, du, dw, weight, tension):
@@ -68,6 +114,9 @@ class Axial2(Dampers):
     """Springs with axial dampers."""
 
     force = staticmethod(_forces)
+    pull_back = staticmethod(axial_back)
+    slopes = staticmethod(axial_slopes)
+    parameters = staticmethod(by_both)
 
     @staticmethod
     def pull(data, dx, dz, du, dw, weight, tension):

@@ -19,7 +19,7 @@ from flag_env.physics.compiling import jit
 from flag_env.physics.effects.base import Effect
 
 
-class Swing(NamedTuple):
+class Oscillation(NamedTuple):
     """A wind now, (copies, 3) each; float64, since a phase grows for as long as a run lasts."""
 
     mean: NDArray[np.float64]
@@ -34,21 +34,21 @@ class Swing(NamedTuple):
 
 
 @jit
-def swing_value(swing, copy, i, lag):
+def oscillation_value(oscillation, copy, i, lag):
     """The wind along axis i, `lag` seconds on."""
-    angle = swing.phase[copy, i] + swing.frequency[copy, i] * lag
-    return swing.mean[copy, i] + swing.amplitude[copy, i] * math.cos(angle)
+    angle = oscillation.phase[copy, i] + oscillation.frequency[copy, i] * lag
+    return oscillation.mean[copy, i] + oscillation.amplitude[copy, i] * math.cos(angle)
 
 
 @jit
-def advance_phase(swing, copy, seconds):
+def advance_phase(oscillation, copy, seconds):
     """Move the phase on."""
-    for i in range(swing.phase.shape[1]):
-        swing.phase[copy, i] += swing.frequency[copy, i] * seconds
+    for i in range(oscillation.phase.shape[1]):
+        oscillation.phase[copy, i] += oscillation.frequency[copy, i] * seconds
 
 
 class Wind(Effect):
-    """An effect with a wind that a run may change: its bound form has a `Swing` called `wind`.
+    """An effect with a wind that a run may change: its bound form has a `Oscillation` called `wind`.
 
     Attributes
     ----------
@@ -69,9 +69,9 @@ class Wind(Effect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in Swing._fields:
+        for name in Oscillation._fields:
             object.__setattr__(self, name, _validate.vector(name, getattr(self, name)))
 
-    def swing(self, copies: int) -> Swing:
+    def oscillation(self, copies: int) -> Oscillation:
         """The wind at the start, a row for each copy."""
-        return Swing(*(np.tile(np.array(getattr(self, name)), (copies, 1)) for name in Swing._fields))
+        return Oscillation(*(np.tile(np.array(getattr(self, name)), (copies, 1)) for name in Oscillation._fields))
