@@ -4,7 +4,8 @@ The action is a set-point for u in [-1, 1]^3, which follows it with a lag of 0.2
 
     mean particle mass x (MEAN + hidden offset + GAIN u cos(phase)),   phase' = FREQUENCY
 
-The frequencies are the report's. The hidden offset belongs to the episode, not to the control.
+The frequencies are the report's. The hidden offset belongs to the episode, not to the control. Another wind is a subclass with
+another `gain`, `frequency` or `lag`.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env.control.base import Array, Control, hold, lag_factor
-from flag_env.physics import Scene, Simulator
+from flag_env.control.base import Array, Control, clipped_share, hold, lag_factor
+from flag_env.physics import Gradient, Scene, Simulator
 from flag_env.physics.compiling import cached, entry_point
 
 GAIN = np.array([6.0, 8.0, 5.0])
@@ -29,8 +30,6 @@ FREQUENCY = np.array([0.04, 0.05, 0.35])
 
 LAG = 0.2
 """Time constant of the actuator [s]."""
-
-_FOLLOW = lag_factor(LAG)
 
 DRAG = 1.5
 """Rate [1/s] at which moving air that is given a velocity counts as an acceleration of the cloth."""
@@ -68,17 +67,29 @@ def _compiled_follow(dtype: np.dtype[Any], dimensions: int) -> Callable[..., boo
 
 
 class WindControl(Control):
-    """Sets the wind's amplitude. State: u."""
+    """Sets the wind's amplitude. State: u.
+
+    Attributes
+    ----------
+    gain
+        Wind acceleration at full action (x, y, z) [m/s^2].
+    frequency
+        Angular frequency of the wind (x, y, z) [rad/s].
+    lag
+        Time constant of the actuator [s].
+    """
 
     size: ClassVar[int] = 3
     state_size: ClassVar[int] = 3
     error_scale: ClassVar[float] = 0.1
+    has_derivatives: ClassVar[bool] = True
     gain: ClassVar[Array] = GAIN
     frequency: ClassVar[Array] = FREQUENCY
+    lag: ClassVar[float] = LAG
 
     def __init__(self, scene: Scene, copies: int) -> None:
         super().__init__(scene, copies)
-        self._amplitude = wind_of(scene, GAIN)
+        self._amplitude, self._share = wind_of(scene, self.gain), lag_factor(self.lag)
 
     @classmethod
     def check(cls, scene: Scene) -> None:
@@ -93,17 +104,40 @@ class WindControl(Control):
     def reset(self, simulator: Simulator, copies: NDArray[np.intp]) -> None:
         """No wind from the agent; the wind's frequency for the episode."""
         self.state[copies] = 0.0
-        simulator.set_wind(frequency=FREQUENCY)
+        simulator.set_wind(frequency=self.frequency)
 
     def apply(self, simulator: Simulator, actions: NDArray[np.floating[Any]]) -> bool:
         """Let u follow the set-points and set the wind's amplitude; see `Control.apply`."""
         amplitudes = simulator.wind_amplitudes
         follow = _compiled_follow(actions.dtype, actions.ndim)
-        finite = follow(actions, _FOLLOW, self._amplitude, self.state, amplitudes[0])
+        finite = follow(actions, self._share, self._amplitude, self.state, amplitudes[0])
         if len(amplitudes) > 1:
             for other in amplitudes[1:]:
                 other[:] = amplitudes[0]
         return finite
+
+    @classmethod
+    def drive(cls, scene: Scene, actions: Array) -> dict[str, Array]:
+        """Amplitudes of the wind; see `Control.drive`."""
+        u = np.zeros(actions.shape[1:])
+        amplitudes = np.empty(actions.shape)
+        for step, action in enumerate(np.clip(actions, -1.0, 1.0)):
+            u = u + lag_factor(cls.lag) * (action - u)
+            amplitudes[step] = wind_of(scene, cls.gain) * u
+        return {"wind": amplitudes}
+
+    @classmethod
+    def drive_back(cls, scene: Scene, actions: Array, gradient: Gradient) -> Array:
+        """Back through the lag; see `Control.drive_back`."""
+        assert gradient.wind is not None
+        share = lag_factor(cls.lag)
+        by_u = np.zeros(actions.shape[1:])
+        result = np.empty(actions.shape)
+        for step in range(len(actions) - 1, -1, -1):
+            by_u = by_u + wind_of(scene, cls.gain) * gradient.wind[step]
+            result[step] = share * by_u
+            by_u = (1.0 - share) * by_u
+        return result * clipped_share(actions)
 
     @staticmethod
     def sample_witness(rng: np.random.Generator, steps: int) -> Array:

@@ -3,109 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from flag_env import _validate
-from flag_env.control import CONTROL_STEP, CONTROLS, Control, WindControl, wind_of
+from flag_env.control import CONTROL_STEP, Control, mast_pose, wind_of
 from flag_env.envs import evaluate
-from flag_env.physics import Frame, Scene, Simulator, presets, tune
-from flag_env.physics.accuracy import divided
-from flag_env.physics.effects import CosineWind, Wind
-from flag_env.physics.integrators import LFAB
-from flag_env.tasks import SPLITS, Targets, load_targets
+from flag_env.envs.actions import not_finite, shaped
+from flag_env.envs.config import EPISODE_STEPS, LARGEST_COORDINATE, WIND, FlagConfig
+from flag_env.envs.frames import Frames
+from flag_env.envs.observation import BOUND, LOOKAHEAD, ObservationLayout, observed_nodes
+from flag_env.physics import Frame, Simulator
+from flag_env.tasks import Targets
 
 Array = NDArray[np.float64]
 Evaluation = Callable[[int, int], None]
 
-LEVELS = ("calm", "breeze")
-"""calm: the wind is known; breeze: each target comes with a hidden wind that the agent must feel through the flag."""
-
-EPISODE_STEPS = 75
-HOLD_STEPS = 10
-"""Steps in a row within tolerance that count as success."""
-
-WIND = np.array([6.0, 0.0, 0.0])
-"""Wind acceleration that is always there [m/s^2]."""
-
-OBSERVED = (3, 5)
-"""Rows and columns of the observed nodes."""
-
-LARGEST_COORDINATE = 100.0
-"""Largest coordinate of a flag that still counts as simulated [m]."""
-
 LARGEST_SPEED = float(np.finfo(np.float64).max)
 """Largest component of a velocity that still counts as simulated [m/s]."""
-
-_SINGLE = np.dtype(np.float32)
-
-LIMIT = 100.0
-"""Bound of every entry of an observation."""
-
-SCENES = ("flag", "two_layer_flag")
-
-
-@dataclass(frozen=True)
-class FlagConfig:
-    """The environments' arguments, checked; see `FlagEnv` for their meaning."""
-
-    control: str = "wind"
-    level: str = "breeze"
-    split: str = "train"
-    scene: Scene | str = "flag"
-    tolerance: float = 0.05
-    accuracy: str | float | None = None
-
-    def __post_init__(self) -> None:
-        _validate.choice("control", self.control, CONTROLS)
-        _validate.choice("level", self.level, LEVELS)
-        _validate.choice("split", self.split, SPLITS)
-        object.__setattr__(self, "tolerance", _validate.number("tolerance", self.tolerance, above=0.0))
-        if not isinstance(self.scene, Scene):
-            _validate.choice("scene", self.scene, SCENES)
-        elif self.scene.lattice.dimensions < 3:
-            raise ValueError(
-                f"scene must have three dimensions, as its targets have, got dimensions={self.scene.lattice.dimensions}"
-            )
-        elif (reach := float(np.linalg.norm(self.scene.lattice.rest_positions, axis=-1).max())) > LARGEST_COORDINATE:
-            raise ValueError(
-                f"scene must fit into {LARGEST_COORDINATE:g} m, got a flag whose far corner is {reach:g} m from its mast's foot"
-            )
-        CONTROLS[self.control].check(self.resolved_scene())
-
-    def resolved_scene(self) -> Scene:
-        """The scene to simulate, tuned to the accuracy, its timestep a whole fraction of the control step."""
-        scene = self.scene if isinstance(self.scene, Scene) else _preset(self.scene)
-        if self.accuracy is None:  # a preset is "balanced" as it is
-            return divided(scene, CONTROL_STEP)
-        if isinstance(self.accuracy, str):
-            return tune(scene, self.accuracy, multiple_of=CONTROL_STEP)
-        tuned = tune(blown(scene), self.accuracy, multiple_of=CONTROL_STEP)
-        return scene.replace(integrator=tuned.integrator, dtype=tuned.dtype, timestep=tuned.timestep, allow_unstable=False)
-
-
-def blown(scene: Scene) -> Scene:
-    """The scene in the wind of full action from the start on; a scene without a wind gets one, for a mast shakes it as much.
-
-    An accuracy in metres is kept in this motion, since a calm flag's own says little of an episode's.
-    """
-    winds = [effect for effect in scene.effects if isinstance(effect, Wind)] or [CosineWind()]
-    scene = scene.adding(*winds)
-    mean, amplitude = (tuple(wind_of(scene, part).tolist()) for part in (WIND, WindControl.gain))
-    full = {"mean": mean, "amplitude": amplitude, "frequency": tuple(WindControl.frequency.tolist())}
-    return scene.adding(*(replace(wind, **full) for wind in winds))  # type: ignore[arg-type]
-
-
-def _preset(name: str) -> Scene:
-    return getattr(presets, name)(rows=10, cols=16, integrator=LFAB(), dtype="float32")  # type: ignore[no-any-return]
-
-
-DEFAULT_SCENE = divided(_preset("flag"), CONTROL_STEP)
-"""The scene of the shipped targets."""
 
 
 class FlagBatch:
@@ -115,29 +33,31 @@ class FlagBatch:
 
     Parameters
     ----------
-    settings
+    config
         The task.
     copies
         Number of flags.
     threads
         See `Simulator`.
-    library
-        The targets; None: the shipped ones.
     episode_steps
         Length of an episode, of which an agent sees the share that is left.
 
     Attributes
     ----------
-    now : Reading
+    now : Frame
         Positions and velocities.
     before, distance : (copies,)
         RMS distance to the target / flag diagonal, before and after the step.
     success : (copies,)
-        Whether the flag has been within tolerance for ten steps.
+        Whether the flag has done what the level's goal asks for.
     diverged : (copies,)
         Whether the simulation left the finite numbers, or the room; the flag then shows its last state that had not.
+    follows : bool
+        Whether targets move, or are seen in advance.
+    layout
+        What stands where in an observation.
     observed : (copies, entries) float32
-        Nodes' positions, velocities, targets, differences, actuators, time left.
+        What an agent sees.
     rows : list of (entries,) float32
         The same, and the same memory, of each flag.
     """
@@ -150,7 +70,6 @@ class FlagBatch:
         config: FlagConfig,
         copies: int = 1,
         threads: int | None = None,
-        library: Targets | None = None,
         episode_steps: int = EPISODE_STEPS,
     ) -> None:
         self.config, self.episode_steps = config, episode_steps
@@ -158,8 +77,8 @@ class FlagBatch:
         self.scene = scene
         self.simulator = Simulator(scene, copies, threads=threads)
         self.steps_per_action = round(CONTROL_STEP / self.simulator.timestep)
-        self.control: Control = CONTROLS[config.control](scene, copies)
-        self.library = library or load_targets(config.control, config.level, config.split)
+        self.control: Control = config.control_type(scene, copies)
+        self.library = config.library
         self._targets = np.zeros((copies, 3 * scene.lattice.size))
         self.target_index = np.zeros(copies, np.int64)
         self.hidden_wind = np.zeros((copies, 3))
@@ -169,12 +88,16 @@ class FlagBatch:
         self.elapsed, self.held = np.zeros(copies, np.int64), np.zeros(copies, np.int64)
         self._start = Simulator(scene).get_state()
         self._start_positions = Simulator(scene).positions.reshape(-1)
-        self.nodes = _observed_nodes(scene)
+        self.goal = config.task.goal
+        self.nodes = observed_nodes(scene, config.seen)
+        self.layout = ObservationLayout.of(len(self.nodes), config.control_type, config.seen)
+        looks = len(LOOKAHEAD) * (self.layout.ahead.stop > self.layout.ahead.start)
+        self._ahead = np.zeros((copies, looks, 3 * len(self.nodes)))
+        self._coordinates = (3 * self.nodes[:, None] + np.arange(3)).ravel()
+        self._mast_target = np.zeros((copies, self.layout.mast_target.stop - self.layout.mast_target.start))
         self.diagonal = scene.lattice.diagonal
-        entries = 12 * len(self.nodes) + self.control.state_size + 1
-        self.observed = np.zeros((copies, entries), _SINGLE)
-        self._shipped = scene == DEFAULT_SCENE
-        self._poses: dict[int, Array] = {}
+        self.observed = np.zeros((copies, self.layout.size), np.float32)
+        self._frames, self.follows = Frames(config, replay), False
         self._windy = any(effect.wind_unit for effect in scene.effects)
         self._bind()
 
@@ -192,6 +115,12 @@ class FlagBatch:
         """Actions (steps, size) that reach a flag's present target from the start."""
         return self.library.actions(int(self.target_index[copy]))
 
+    def frames_of(self, chosen: Sequence[int]) -> Array:
+        """Target positions after each step [m], (steps, targets, layers, rows, cols, 3); of targets at rest, of one step."""
+        steps = np.tile(np.arange(self._frames.count)[:, None], (len(chosen), 1, 1))
+        found = self._frames.at(chosen, steps).reshape(len(chosen), self._frames.count, *self.now.shape[1:])
+        return found.swapaxes(0, 1)
+
     def last(self, episode_steps: int) -> None:
         """Let episodes take this many steps from the next reset on."""
         if episode_steps != self.episode_steps:
@@ -205,7 +134,8 @@ class FlagBatch:
         """
         count = len(self.library)
         chosen = [int(generator.integers(count)) if target is None else target for generator in generators]
-        seeds = [int(generator.integers(2**63)) for generator in generators] if self.simulator.turbulent else None
+        drawn = self.simulator.turbulent and not self.library.own_turbulence
+        seeds = [int(generator.integers(2**63)) for generator in generators] if drawn else None
         self.reset(copies, chosen, seeds=seeds)
 
     def reset(
@@ -213,11 +143,15 @@ class FlagBatch:
     ) -> None:
         """Start an episode of each of `copies` with the target of the number in `chosen`, or the given target poses.
 
-        Turbulence starts from `seeds`; None: the same for all, in which witnesses are replayed.
+        Turbulence starts from `seeds`; None: from those of the targets, or, where they have none, the same for all.
         """
         which = np.asarray(copies, np.intp)
+        if seeds is None and self.simulator.turbulent and self.library.own_turbulence:
+            seeds = [self.library.turbulence_seed(index) for index in chosen]
+        self.follows = poses is None and (self.goal.moving or self._ahead.size > 0)
+        shown = poses is None
         if poses is None:
-            poses = self.poses(chosen)
+            poses = self._frames.at(chosen, np.zeros(len(which), np.int64))
         if len(which) == self.copies:
             self.simulator.set_state(self._start)
         else:  # factors of set_parameters are those of all flags, and stay
@@ -227,12 +161,16 @@ class FlagBatch:
         self.control.reset(self.simulator, which)
         self.target_index[which] = chosen
         self._targets[which] = poses.reshape(len(which), -1)
+        if shown and self._mast_target.size:
+            self._mast_target[which] = self.control.mast_share(mast_pose(self.target[which][:, 0, :, 0]))
         self.hidden_wind[which] = self.library.wind[chosen]
         self._set_ambient_wind()
         self.elapsed[which] = 0
         self.held[which] = 0
         self.success[which] = self.diverged[which] = False
         self.now.x[which], self.now.v[which] = self._start_positions, 0.0
+        if self.follows:
+            self._look_ahead(self.elapsed)
         self._evaluation(self.now, self._last, stepped=False)(0, self.copies)
 
     def step(self, action: Any, shape: tuple[int, ...]) -> None:
@@ -243,10 +181,13 @@ class FlagBatch:
         ValueError
             If the action is of another shape or not finite; nothing has changed then.
         """
-        if not self.control.apply(self.simulator, _shaped(action, shape)):
-            raise _not_finite(action)
+        if not self.control.apply(self.simulator, shaped(action, shape)):
+            raise not_finite(action)
         self.now, self._last = self._last, self.now
         self._evaluate_now, self._evaluate_last = self._evaluate_last, self._evaluate_now
+        if self.follows:
+            self._targets[:] = self._frames.at(self.target_index, self.elapsed)
+            self._look_ahead(self.elapsed + 1)
         self.simulator.step_into(self.steps_per_action, self.now, self._evaluate_now)
 
     def wind(self, copy: int = 0) -> Array | None:
@@ -254,14 +195,11 @@ class FlagBatch:
         wind = self.simulator.wind()
         return None if wind is None else wind[copy] / wind_of(self.scene, np.ones(3))
 
-    def poses(self, chosen: Sequence[int]) -> Array:
-        """Target poses of these numbers [m]: as shipped; in another scene than the default, where their witnesses lead there."""
-        if self._shipped:
-            return np.asarray(self.library.positions[list(chosen)])
-        for index in chosen:
-            if index not in self._poses:
-                self._poses[index] = replay(self.config, self.library, [index])[-1, 0]
-        return np.stack([self._poses[index] for index in chosen])
+    def _look_ahead(self, elapsed: NDArray[np.int64]) -> None:
+        """Note where the targets' nodes will be, seen from these steps of the episodes."""
+        if self._ahead.size:
+            steps = elapsed[:, None, None] + np.array(LOOKAHEAD)[:, None] - 1
+            self._ahead[:] = self._frames.at(self.target_index, steps, self._coordinates)
 
     def _bind(self) -> None:
         """Tie machine code to the batch's arrays, and rows to `observed`."""
@@ -272,10 +210,11 @@ class FlagBatch:
     def _evaluation(self, now: Frame, last: Frame, stepped: bool) -> Evaluation:
         """Function that looks at the flags from a first to before a last, which have taken a step or not."""
         return partial(
-            evaluate.evaluate_step(), now.x, now.v, last.x, last.v, self._targets, self.nodes, self.control.state,
-            LARGEST_COORDINATE, LARGEST_SPEED, self.diagonal, self.control.error_scale * self.diagonal, self.config.tolerance,
-            HOLD_STEPS, self.episode_steps, LIMIT, self.elapsed, self.held, self.before, self.distance, self.success,
-            self.diverged, self.observed, stepped,
+            evaluate.evaluate_step(), now.x, now.v, last.x, last.v, self._targets, self._ahead, self.nodes, self.control.state,
+            self._mast_target, (self.control.mast_pose or slice(0, 0)).start, LARGEST_COORDINATE, LARGEST_SPEED, self.diagonal,
+            self.control.error_scale * self.diagonal, 0.1 * self.diagonal, self.config.tolerance, self.goal.steps,
+            self.goal.earliest, self.episode_steps, BOUND, self.layout.starts, self.elapsed, self.held, self.before,
+            self.distance, self.success, self.diverged, self.observed, stepped,
         )  # fmt: skip
 
     def __getstate__(self) -> dict[str, Any]:
@@ -290,49 +229,42 @@ class FlagBatch:
             self.simulator.set_wind(mean=wind_of(self.scene, WIND + self.hidden_wind))
 
 
-def check_action(action: Any, shape: tuple[int, ...]) -> None:
-    """Raise the ValueError of `FlagBatch.step`, if any."""
-    if not np.isfinite(_shaped(action, shape)).all():
-        raise _not_finite(action)
+def replay(
+    config: FlagConfig,
+    witnesses: Targets,
+    indices: Sequence[int],
+    steps: int = 10,
+    start: NDArray[np.float64] | None = None,
+) -> NDArray[np.float64]:
+    """Poses after each of the last `steps` steps when these witnesses are replayed, shape (steps, targets, ..., 3).
 
-
-def _shaped(action: Any, shape: tuple[int, ...]) -> NDArray[np.floating[Any]]:
-    given = action if type(action) is np.ndarray and action.dtype is _SINGLE else np.asarray(action, np.float64)
-    if given.shape != shape:
-        raise ValueError(f"action must have the shape {shape}, got {given.shape}")
-    return given
-
-
-def _not_finite(action: Any) -> ValueError:
-    return ValueError(f"action must be finite, got {action!r}")
-
-
-def _observed_nodes(scene: Scene) -> NDArray[np.int64]:
-    """Flat numbers of the observed particles: evenly spread over layer 0, the mast's column left out."""
-    _, rows, cols = scene.lattice.shape
-    row = np.rint(np.linspace(0, rows - 1, OBSERVED[0])).astype(np.int64)
-    col = np.rint(np.linspace(min(1, cols - 1), cols - 1, OBSERVED[1])).astype(np.int64)
-    return (row[:, None] * cols + col).ravel()
-
-
-def replay(config: FlagConfig, witnesses: Targets, indices: Sequence[int]) -> Array:
-    """Poses after each of the last `HOLD_STEPS` steps when these witnesses are replayed, shape (steps, targets, ..., 3).
+    Parameters
+    ----------
+    config, witnesses, indices
+        The task, whose control acts, and which witnesses.
+    steps
+        How many of the last steps to give.
+    start : (targets, layers, rows, cols, 3)
+        Positions to start from [m]; None: the scene's own.
 
     Raises
     ------
     ValueError
         If the scene does not survive a witness.
     """
-    batch = FlagBatch(config, len(indices), library=witnesses)
+    batch = FlagBatch(replace(config, targets=witnesses), len(indices))
     batch.reset(range(len(indices)), indices, np.zeros((len(indices), *batch.scene.lattice.shape, 3)))
+    if start is not None:
+        batch.simulator.set_positions(start)
     actions = np.stack([witnesses.actions(index) for index in indices], axis=1).astype(np.float64)
-    poses = []
-    for row in actions:
+    poses: list[NDArray[Any]] = []
+    for number, row in enumerate(actions):
         batch.step(row, row.shape)
         if batch.diverged.any():
             raise ValueError(
                 f"scene must survive the witness of its targets; that of target {indices[int(np.argmax(batch.diverged))]} takes "
                 f"the flag out of {LARGEST_COORDINATE:g} m or of the finite numbers before t = {batch.simulator.time:.6g} s"
             )
-        poses.append(batch.now.positions.copy())
-    return np.stack(poses[-HOLD_STEPS:])
+        if number >= len(actions) - steps:
+            poses.append(batch.now.positions.copy())
+    return np.stack(poses)

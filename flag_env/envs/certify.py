@@ -1,9 +1,9 @@
 """Builds the library of targets from a seed, and proves that every target of it can be reached.
 
 A witness is drawn at random, replayed from the start under a hidden wind drawn at random, and kept if it holds the flag within
-half the tolerance of its last pose for the last ten steps, and if other ways of acting (`Control.other_ways`) do so too: cloth
-folds, and a fold that only one path leads to would be a matter of luck. Targets that idle actions reach ask for nothing: they may
-serve to learn, but are left out of the other splits. The stored pose is rounded; the proof is made on what is stored.
+half the tolerance of its last pose for the last ten steps, and if `Control.alternative_actions` do so too: cloth folds, and a
+fold that only one path leads to would be a matter of luck. Targets that idle actions reach ask for nothing: they may serve to
+learn, but are left out of the other splits. The stored pose is rounded; the proof is made on what is stored.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env._files import write_bytes
-from flag_env.control import CONTROLS
-from flag_env.envs.batch import EPISODE_STEPS, LEVELS, FlagConfig, replay
-from flag_env.tasks import PARTS, SIZES, SPLITS, Targets, decode, digest, encode
-
-HIDDEN_WIND = {"calm": np.zeros(3), "breeze": np.array([3.0, 4.0, 3.0])}
-"""Largest hidden wind either way [m/s^2]."""
+from flag_env.control import CONTROLS, Control
+from flag_env.envs.batch import replay
+from flag_env.envs.config import EPISODE_STEPS, FlagConfig
+from flag_env.envs.observation import observed_nodes
+from flag_env.envs.prove import NONE, Library, proven
+from flag_env.tasks import LEVELS, PARTS, QUANTUM, SPLITS, Level, Targets, decode, digest, encode
 
 MAX_DRIFT = 0.025
 """Largest distance to the last pose over the last ten steps, in flag diagonals."""
@@ -34,35 +34,72 @@ MAX_DRIFT = 0.025
 _CHUNK = 128
 
 
+_NUMBERS = {"mast": 0, "wind": 1, "both": 2, "wind+frequency": 3}
+"""Part of the seed of each control that has targets."""
+
+
 def build(control: str, level: str, seed: int, progress: Callable[[int], Any] = lambda done: None) -> dict[str, NDArray[Any]]:
     """Arrays of a library file; `progress` is told of every target found."""
     arrays: dict[str, NDArray[Any]] = {}
-    for number, split in enumerate(SPLITS):
-        rng = np.random.default_rng((seed, sorted(CONTROLS).index(control), LEVELS.index(level), number))
-        config = FlagConfig(control=control, level=level, split=split)
-        kept: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
-        while len(kept) < SIZES[split]:
-            drawn = _draw(control, level, rng)
-            poses = replay(config, drawn, range(_CHUNK))
-            stored = decode(encode(poses[-1]))
-            ways = [poses, *(replay(config, other, range(_CHUNK)) for other in _alternative_actions(control, drawn))]
-            reached = np.max([_distances(config, way, stored).max(axis=0) for way in ways], axis=0) < MAX_DRIFT
-            if split != "train":
-                idle = replay(config, replace(drawn, witnesses=np.zeros_like(drawn.witnesses)), range(_CHUNK))
-                reached &= _distances(config, idle, stored).max(axis=0) > config.tolerance
-            found = np.flatnonzero(reached)[: SIZES[split] - len(kept)]
-            kept += [(drawn.witnesses[i], drawn.wind[i], poses[-1, i]) for i in found]
-            progress(len(found))
-        witnesses, wind, last = (np.stack(column) for column in zip(*kept, strict=True))
-        arrays |= {f"{split}_witnesses": witnesses, f"{split}_wind": wind, f"{split}_positions": encode(last)}
-        arrays["spans"] = drawn.spans
+    task, others = LEVELS[level], Library([])
+    for number, (split, count) in enumerate(task.splits):
+        rng = np.random.default_rng((seed, _NUMBERS[control], list(LEVELS).index(level), number))
+        if task.witness is None:
+            found = certified(CONTROLS[control], task, count, rng, split == "train", progress)
+        else:
+            found = proven(FlagConfig(control, task, targets=NONE), count, rng, others, split == "shift", progress)
+        arrays |= {f"{split}_witnesses": found.witnesses, f"{split}_wind": found.wind, "spans": found.spans}
+        arrays[f"{split}_positions"] = (
+            encode(found.positions) if found.ends is None else np.rint(found.ends / QUANTUM).astype(np.int16)
+        )
     return arrays
+
+
+def certified(
+    control: type[Control],
+    level: Level,
+    count: int,
+    rng: np.random.Generator,
+    idle: bool = False,
+    progress: Callable[[int], Any] = lambda done: None,
+) -> Targets:
+    """So many targets of a control and level, of the package or your own, each proven to be reached by its witness.
+
+    Parameters
+    ----------
+    control, level
+        What acts, and what is hidden.
+    count
+        How many targets.
+    rng
+        Draws witnesses and hidden winds.
+    idle
+        Whether targets may be such that a flag left alone reaches them.
+    progress
+        Called with the number of targets that each batch of candidates has brought.
+    """
+    kept: list[tuple[NDArray[Any], NDArray[Any], NDArray[Any]]] = []
+    while len(kept) < count:
+        drawn = _draw(control, level, rng)
+        config = FlagConfig(control, level, targets=drawn)
+        poses = replay(config, drawn, range(_CHUNK))
+        stored = decode(encode(poses[-1]))
+        ways = [poses, *(replay(config, other, range(_CHUNK)) for other in _alternative_actions(control, drawn))]
+        reached = np.max([_distances(config, way, stored).max(axis=0) for way in ways], axis=0) < MAX_DRIFT
+        if not idle:
+            still = replay(config, replace(drawn, witnesses=np.zeros_like(drawn.witnesses)), range(_CHUNK))
+            reached &= _distances(config, still, stored).max(axis=0) > config.tolerance
+        found = np.flatnonzero(reached)[: count - len(kept)]
+        kept += [(drawn.witnesses[i], drawn.wind[i], poses[-1, i]) for i in found]
+        progress(len(found))
+    witnesses, wind, last = (np.stack(column) for column in zip(*kept, strict=True))
+    return Targets(witnesses, drawn.spans, wind, decode(encode(last)))
 
 
 def save(path: Path, arrays: dict[str, NDArray[Any]], seed: int) -> None:
     """Write a library file whole or not at all; it tells its seed, and digests that `read_targets` checks."""
     noted: dict[str, NDArray[Any]] = {"seed": np.array(seed)}
-    for split in SPLITS:
+    for split in [split for split in SPLITS if f"{split}_wind" in arrays]:
         parts = (*(arrays[f"{split}_{name}"] for name in PARTS), arrays["spans"])
         noted[f"{split}_digest"] = np.array(digest(seed, split, *parts))
     content = io.BytesIO()  # an interrupt amid a zip file on disk would be told as a closed file
@@ -100,26 +137,35 @@ def swapped(folder: Path) -> Iterator[Path]:
 
 
 def check(config: FlagConfig, library: Targets) -> Iterator[float]:
-    """Replay every witness; for each target, the largest distance over the last ten steps, in flag diagonals."""
+    """Replay every witness; for each target, the largest distance over the last ten steps, in flag diagonals.
+
+    Of libraries without poses, the distance of the observed nodes after the last step; what is stored is rounded to 1/4096 m.
+    """
     for first in range(0, len(library), _CHUNK):
         indices = range(first, min(first + _CHUNK, len(library)))
-        poses = replay(config, library, indices)
-        yield from _distances(config, poses, library.positions[list(indices)]).max(axis=0)
+        judged = config.task.goal.steps
+        if library.ends is not None:
+            last = replay(config, library, indices, 1)[-1].reshape(len(indices), -1, 3)
+            away = last[:, observed_nodes(config.resolved_scene())] - library.ends[list(indices)]
+            yield from np.sqrt((away**2).sum(axis=2).mean(axis=1)) / config.resolved_scene().lattice.diagonal
+            continue
+        poses, wanted = replay(config, library, indices, judged), library.positions[list(indices)]
+        yield from _distances(config, poses, wanted).max(axis=0)
 
 
-def _draw(control: str, level: str, rng: np.random.Generator) -> Targets:
+def _draw(control: type[Control], level: Level, rng: np.random.Generator) -> Targets:
     """Candidates: witnesses with their hidden winds."""
-    sequences = [CONTROLS[control].sample_witness(rng, EPISODE_STEPS).astype(np.float32) for _ in range(_CHUNK)]
+    sequences = [control.sample_witness(rng, EPISODE_STEPS).astype(np.float32) for _ in range(_CHUNK)]
     changed = np.flatnonzero(np.any(np.diff(np.stack(sequences), axis=1) != 0, axis=(0, 2))) + 1
     starts = np.array([0, *changed])
-    wind = (HIDDEN_WIND[level] * rng.uniform(-1, 1, (_CHUNK, 3))).astype(np.float32)
+    wind = (np.array(level.hidden_wind) * rng.uniform(-1, 1, (_CHUNK, 3))).astype(np.float32)
     spans = np.diff([*starts, EPISODE_STEPS])
     return Targets(np.stack(sequences)[:, starts], spans, wind, np.zeros(0))
 
 
-def _alternative_actions(control: str, drawn: Targets) -> list[Targets]:
+def _alternative_actions(control: type[Control], drawn: Targets) -> list[Targets]:
     """The same candidates with each other way to act."""
-    sequences = [CONTROLS[control].alternative_actions(drawn.actions(index)) for index in range(len(drawn))]
+    sequences = [control.alternative_actions(drawn.actions(index)) for index in range(len(drawn))]
     spans = np.ones(EPISODE_STEPS, np.int64)
     return [replace(drawn, witnesses=np.stack(way), spans=spans) for way in zip(*sequences, strict=True)]
 

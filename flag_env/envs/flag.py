@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium
@@ -10,15 +11,18 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from flag_env import _validate
-from flag_env.control import CONTROL_STEP
-from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, FlagConfig, check_action
+from flag_env.control import CONTROL_STEP, Control
+from flag_env.envs import episode_state
+from flag_env.envs.actions import check_action
+from flag_env.envs.batch import FlagBatch
+from flag_env.envs.config import EPISODE_STEPS, FlagConfig
+from flag_env.envs.episode_state import EpisodeState
 from flag_env.envs.picture import LivePage, Picture, snapshot
 from flag_env.envs.time_limit import time_limit
 from flag_env.envs.views import FlatView
 from flag_env.physics import Scene, Simulator
 from flag_env.render import Snapshot
-from flag_env.tasks import Targets
+from flag_env.tasks import Level, Targets
 
 RENDER_MODES = ("human", "rgb_array")
 
@@ -29,8 +33,9 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     ## Description
 
     A tapered mass-spring cloth of 1.5 m x 1.0 m hangs on a mast in a steady wind. In each episode the agent is shown a target
-    pose and has 3 s (75 actions of 0.04 s) to bring every particle of the flag there and keep it there. Every target is
-    certified: a stored sequence of actions, its witness, is known to reach it.
+    pose and has 3 s (75 actions of 0.04 s) to bring every particle of the flag there and keep it there. Other levels ask to meet
+    a pose at the last step, or to follow a motion. Every target is certified: a stored sequence of actions, its witness, is
+    known to reach it.
 
     ## Action space
 
@@ -43,9 +48,13 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     `control="mast"`: 5 entries, set-points of the mast's velocity along x, y, z (at full action 1.5 m/s) and of its tilt rates
     about x and y (1 rad/s). They are followed with a lag of 0.1 s, within +-1 m and +-0.6 rad of the start.
 
+    `control="both"`: the entries of "wind", then those of "mast". `control="wind+frequency"`: those of "wind", then set-points of
+    its angular frequencies, from 0 to 6 rad/s. `control="mast+yaw"`: those of "mast", then the rate about its own axis (2 rad/s),
+    for a flag that is pinned by a sleeve and targets of your own.
+
     ## Observation space
 
-    `Box(-100, 100)`, float32; the nodes are 3 rows x 5 columns of particles:
+    `Box(-100, 100)`, float32. What it holds is the level's view; of "nodes", the nodes are 3 rows x 5 columns of particles:
 
     | entries | what | unit |
     |---|---|---|
@@ -56,10 +65,15 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     | 3 or 10 | actuators: wind amplitude; or mast pose and velocity | share of its range |
     | 1 | time left | share of the episode |
 
+    View "mast" adds the pose of the target's mast and its difference to the mast's, before the time left. "sensors": positions,
+    targets and differences of three markers, actuators, time left. "wave": positions and velocities of the nodes, where their
+    targets will be in 1, 3, 6 and 12 steps minus where they are, in 0.1 diagonals, actuators, time left.
+
     ## Rewards
 
     With d = RMS distance of the particles to their targets / flag diagonal, "shaped" gives 0.1 for d < tolerance plus
     3 (d_before - 0.98 d), a potential-based term; "dense" gives -d; "sparse" gives -1 for d >= tolerance, else 0.
+    "track" and "snap" are those of levels with motions, and with poses to be met in time; see `flag_env.tasks.reward`.
 
     ## Start and end
 
@@ -68,9 +82,11 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
     `max_episode_steps` given to `gymnasium.make` (`TimeLimit`); it terminates only if the simulation diverges.
 
     `info` has the same keys after `reset` and `step`: `distance` d; `is_success`: whether d < tolerance held on each of the last
-    10 steps; `diverged`; `target`: number of the target in its split; and the terms of the reward, which sum to it:
-    `reward_in_tolerance` and `reward_approach` of "shaped", `reward_distance` of "dense", `reward_miss` of "sparse".
+    10 steps, or the level's other goal is reached; `diverged`; `target`: number of the target in its split; and the terms of the
+    reward, which sum to it: `reward_in_tolerance` and `reward_approach` of "shaped", `reward_distance` of "dense", `reward_miss`
+    of "sparse".
 
+    `env.unwrapped.get_state()` and `set_state(state)` take an episode out and put it back, to the bit.
     `env.unwrapped.witness()` gives actions (75, size) that reach the present target. In turbulence, which differs from episode
     to episode, targets are where witnesses lead under one draw of it, and no actions are sure to reach them.
 
@@ -78,12 +94,14 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     | name | default | meaning |
     |---|---|---|
-    | `control` | "wind" | "wind" or "mast" |
-    | `level` | "breeze" | "calm": the wind is known; "breeze": each target comes with a hidden wind of up to (3, 4, 3) m/s^2 |
-    | `split` | "train" | "train" (768 targets), "validation" or "test" (128 each) |
-    | `scene` | "flag" | "flag", "two_layer_flag" (10 x 16 particles) or a `Scene`; targets are where witnesses lead in it |
+    | `control` | "wind" | "wind", "mast", "both", "wind+frequency", "mast+yaw", or a `Control` class of your own |
+    | `level` | "breeze" | "calm": the wind is known; "breeze": each target hides a wind; the other rungs; or a `Level` |
+    | `split` | "train" | "train", "validation", "test", and "shift", with stronger hidden winds, of the levels that have it |
+    | `scene` | None | "flag", "two_layer_flag" (10 x 16 particles) or a `Scene`, where witnesses lead; None: the level's |
     | `tolerance` | 0.05 | distance that counts as reached, in flag diagonals |
-    | `reward` | "shaped" | "shaped", "dense" or "sparse" |
+    | `reward` | None | "shaped", "dense", "sparse", "track" or "snap"; None: the level's |
+    | `targets` | None | `Targets`, or the path of a library file, to have in place of the shipped ones |
+    | `view` | None | "nodes", "mast", "sensors" or "wave"; None: the level's |
     | `render_mode` | None | "rgb_array", or "human": a page in the browser, which needs the extra "play" |
     | `width`, `height` | 480 | size of a frame in pixels |
     | `accuracy` | None | "fast", "balanced", "reference", or an error in metres; None: "balanced", but a `Scene` as it is |
@@ -102,21 +120,23 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     def __init__(
         self,
-        control: str = "wind",
-        level: str = "breeze",
+        control: str | type[Control] = "wind",
+        level: str | Level = "breeze",
         split: str = "train",
-        scene: Scene | str = "flag",
+        scene: Scene | str | None = None,
         tolerance: float = 0.05,
-        reward: str = "shaped",
+        reward: str | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
         accuracy: str | float | None = None,
+        targets: Targets | str | Path | None = None,
+        view: str | None = None,
     ) -> None:
-        self.render_mode = checked_render_mode(render_mode)
-        _validate.choice("reward", reward, self.view.rewards)
-        self._batch = FlagBatch(FlagConfig(control, level, split, scene, tolerance, accuracy))
-        self._view = self.view(self._batch, reward)
+        config = FlagConfig(control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy, targets, view)
+        self.render_mode, rewarded = checked_render_mode(render_mode), self.view.reward_of(config)
+        self._batch = FlagBatch(config)
+        self._view = self.view(self._batch, rewarded)
         self._picture = Picture(width, height)
         self._page = LivePage(self.metadata["render_fps"]) if render_mode == "human" else None
         self._started = False
@@ -169,7 +189,9 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             raise gymnasium.error.ResetNeeded("reset() must be called before step()")
         batch.step(action, self._action_shape)
         observation, distance, diverged = self._view.observation(0), batch.distance.item(), batch.diverged.item()
-        terms = self._view.terms(batch.before.item(), distance, observation)
+        last = batch.elapsed.item() == EPISODE_STEPS
+        given = self._view.terms(batch.before.item(), distance, observation, last)
+        terms = {name: float(value) for name, value in given.items()}
         info = self._info(terms, distance, batch.success.item(), diverged)
         if self._page is not None:
             self._page.show(batch, terms)
@@ -180,6 +202,20 @@ class FlagEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         if not self._started:
             raise gymnasium.error.ResetNeeded("reset() must be called before witness()")
         return self._batch.witness(0)
+
+    def get_state(self) -> EpisodeState:
+        """Everything that this episode depends on, to the bit: simulator, actuators, target and counters."""
+        if not self._started:
+            raise gymnasium.error.ResetNeeded("reset() must be called before get_state()")
+        return episode_state.get_state(self._batch, 0)
+
+    def set_state(self, state: EpisodeState) -> None:
+        """Go on from what `get_state` found here, in another environment of the same task, or in one flag of a vector of them.
+
+        A time limit goes on counting the steps that were taken here.
+        """
+        episode_state.set_state(self._batch, [0], state)
+        self._target, self._started = int(self._batch.target_index[0]), True
 
     def render(self) -> NDArray[np.uint8] | None:
         """A frame (height, width, 3) with `render_mode="rgb_array"`, else None; "human" shows every step by itself."""

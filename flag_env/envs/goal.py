@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 
+from flag_env.control import Control
 from flag_env.envs.flag import FlagEnv
 from flag_env.envs.views import GoalView, goal_reward
 from flag_env.physics import Scene
+from flag_env.tasks import Level, Targets
 
 
 class FlagGoalEnv(FlagEnv):
@@ -35,18 +38,20 @@ class FlagGoalEnv(FlagEnv):
 
     def __init__(
         self,
-        control: str = "wind",
-        level: str = "breeze",
+        control: str | type[Control] = "wind",
+        level: str | Level = "breeze",
         split: str = "train",
-        scene: Scene | str = "flag",
+        scene: Scene | str | None = None,
         tolerance: float = 0.05,
-        reward: str = "sparse",
+        reward: str | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
         accuracy: str | float | None = None,
+        targets: Targets | str | Path | None = None,
+        view: str | None = None,
     ) -> None:
-        super().__init__(control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy)
+        super().__init__(control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy, targets, view)
 
     def compute_reward(self, achieved_goal: NDArray[Any], desired_goal: NDArray[Any], info: Any) -> Any:
         """Reward of having reached `achieved_goal` when asked for `desired_goal`.

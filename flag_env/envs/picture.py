@@ -9,7 +9,8 @@ from gymnasium.envs.registration import load_env_creator
 from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
-from flag_env.envs.batch import EPISODE_STEPS, FlagBatch
+from flag_env.envs.batch import FlagBatch
+from flag_env.envs.config import EPISODE_STEPS
 from flag_env.render import Renderer, Snapshot
 
 WIND_SCALE = 15.0
@@ -20,9 +21,6 @@ class Picture:
     """Draws the flags of a batch, `width` x `height` pixels."""
 
     def __init__(self, width: int, height: int) -> None:
-        for name, value in (("width", width), ("height", height)):
-            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 16 <= value <= 8192:
-                raise ValueError(f"{name} must be a whole number of pixels from 16 to 8192, got {value!r}")
         self._size = width, height
         self._renderer: Renderer | None = None
 
@@ -82,9 +80,10 @@ def snapshot(batch: FlagBatch, copy: int = 0) -> Snapshot:
     lattice = batch.scene.lattice
     positions = batch.now.positions[copy]
     length, height = lattice.extent
-    reach = 0.35 * lattice.diagonal if batch.config.control == "wind" else 0.35 * lattice.diagonal + 1.0
-    low = np.array([-reach, -0.75 * lattice.diagonal, -0.4 * lattice.diagonal - reach])
-    high = np.array([length + reach, 0.75 * lattice.diagonal, height + reach])
+    # The cloth may be blown to any side of the mast; a mast that moves takes it along and tilts. Room above is the wind sign's.
+    away = 1.04 * length + 1.35 * batch.control.mast_range
+    low = np.array([-away, -away, -0.6 * length - 1.95 * batch.control.mast_range])
+    high = np.array([away, away, 1.8 * height + 1.8 * batch.control.mast_range])
     return Snapshot(
         positions=positions,
         mast=positions[0, [0, -1], 0],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from flag_env import _validate
-from flag_env.envs.batch import EPISODE_STEPS
+from flag_env.control import Control
+from flag_env.envs.config import EPISODE_STEPS
 from flag_env.envs.flag import chosen_target
 from flag_env.envs.vector import FlagGoalVectorEnv, FlagVectorEnv
 from flag_env.physics import Scene
+from flag_env.tasks import Level, Targets
 
 KINDS = {
     "Flag-v0": (FlagVectorEnv, None),
@@ -37,7 +40,7 @@ class FlagSB3VecEnv(VecEnv):
         None: the id's own.
     max_episode_steps, threads
         See `FlagVectorEnv`.
-    control, level, split, scene, tolerance, render_mode, width, height, accuracy
+    control, level, split, scene, tolerance, render_mode, width, height, accuracy, targets, view
         See `FlagEnv`.
     """
 
@@ -47,21 +50,23 @@ class FlagSB3VecEnv(VecEnv):
         env_id: str = "Flag-v0",
         max_episode_steps: int = EPISODE_STEPS,
         threads: int | None = None,
-        control: str = "wind",
-        level: str = "breeze",
+        control: str | type[Control] = "wind",
+        level: str | Level = "breeze",
         split: str = "train",
-        scene: Scene | str = "flag",
+        scene: Scene | str | None = None,
         tolerance: float = 0.05,
         reward: str | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
         accuracy: str | float | None = None,
+        targets: Targets | str | Path | None = None,
+        view: str | None = None,
     ) -> None:
         kind, own_reward = KINDS[_validate.choice("env_id", env_id, KINDS)]
         self.env = kind(
             num_envs, max_episode_steps, AutoresetMode.SAME_STEP, threads, control, level, split, scene, tolerance,
-            own_reward if reward is None else reward, render_mode, width, height, accuracy,
+            own_reward if reward is None else reward, render_mode, width, height, accuracy, targets, view,
         )  # fmt: skip
         self._attributes: list[dict[str, Any]] = [{} for _ in range(num_envs)]
         self._actions: NDArray[Any] = np.zeros(0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,13 +19,16 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from flag_env import _validate
-from flag_env.control import CONTROL_STEP
-from flag_env.envs.batch import EPISODE_STEPS, FlagBatch, FlagConfig
+from flag_env.control import CONTROL_STEP, Control
+from flag_env.envs import episode_state
+from flag_env.envs.batch import FlagBatch
+from flag_env.envs.config import EPISODE_STEPS, FlagConfig
+from flag_env.envs.episode_state import EpisodeState
 from flag_env.envs.flag import checked_options, checked_render_mode, chosen_target
 from flag_env.envs.picture import Picture
 from flag_env.envs.views import FlatView, GoalView, goal_reward
 from flag_env.physics import Scene, Simulator
-from flag_env.tasks import Targets
+from flag_env.tasks import Level, Targets
 
 RENDER_MODES = ("rgb_array",)
 
@@ -42,7 +46,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         "NextStep", "SameStep" or "Disabled", or Gymnasium's `AutoresetMode`.
     threads
         Threads of the simulator; None: as many as there are processors.
-    control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy
+    control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy, targets, view
         See `FlagEnv`.
     """
 
@@ -54,32 +58,33 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         max_episode_steps: int = EPISODE_STEPS,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
-        control: str = "wind",
-        level: str = "breeze",
+        control: str | type[Control] = "wind",
+        level: str | Level = "breeze",
         split: str = "train",
-        scene: Scene | str = "flag",
+        scene: Scene | str | None = None,
         tolerance: float = 0.05,
         reward: str | None = None,
         render_mode: str | None = None,
         width: int = 480,
         height: int = 480,
         accuracy: str | float | None = None,
+        targets: Targets | str | Path | None = None,
+        view: str | None = None,
     ) -> None:
         self.num_envs = _validate.count("num_envs", num_envs)
         self.max_episode_steps = _validate.count("max_episode_steps", max_episode_steps)
         modes = {mode.value: mode for mode in AutoresetMode}
         is_mode = isinstance(autoreset_mode, AutoresetMode)
         self.autoreset_mode = autoreset_mode if is_mode else modes[_validate.choice("autoreset_mode", autoreset_mode, modes)]
-        reward = self.view.rewards[0] if reward is None else _validate.choice("reward", reward, self.view.rewards)
-        self.render_mode = checked_render_mode(render_mode, RENDER_MODES)
+        config = FlagConfig(control, level, split, scene, tolerance, reward, render_mode, width, height, accuracy, targets, view)
+        self.render_mode, rewarded = checked_render_mode(render_mode, RENDER_MODES), self.view.reward_of(config)
         self.metadata = {
             "render_modes": list(RENDER_MODES),
             "render_fps": round(1 / CONTROL_STEP),
             "autoreset_mode": self.autoreset_mode,
         }
-        config = FlagConfig(control, level, split, scene, tolerance, accuracy)
         self._batch = FlagBatch(config, num_envs, threads, episode_steps=self.max_episode_steps)
-        self._view = self.view(self._batch, reward)
+        self._view = self.view(self._batch, rewarded)
         self._picture = Picture(width, height)
         self._rngs: list[tuple[np.random.Generator, int] | None] = [None] * num_envs
         self._ended = np.ones(num_envs, bool)
@@ -116,6 +121,16 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
     def witness(self, copy: int) -> NDArray[np.float32]:
         """Actions (75, size) that reach the present target of one flag from the start."""
         return self._batch.witness(copy)
+
+    def get_state(self, copy: int) -> EpisodeState:
+        """Everything that one flag's episode depends on, to the bit: simulator, actuators, target and counters."""
+        return episode_state.get_state(self._batch, copy)
+
+    def set_state(self, state: EpisodeState, copies: Sequence[int] | None = None) -> None:
+        """Let these flags, or all, go on from what `get_state` of a vector or a single environment of the same task found."""
+        chosen = list(range(self.num_envs)) if copies is None else _validate.counts("copies", copies, 0, self.num_envs - 1)
+        episode_state.set_state(self._batch, chosen, state)
+        self._ended[chosen] = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -154,7 +169,7 @@ class FlagVectorEnv(VectorEnv[Any, NDArray[np.float32], NDArray[Any]]):
         batch = self._batch
         batch.step(actions, shape)
         observation = self._view.observe()
-        terms = self._view.terms(batch.before, batch.distance, observation)
+        terms = self._view.terms(batch.before, batch.distance, observation, batch.elapsed == EPISODE_STEPS)
         terminated, truncated = batch.diverged.copy(), batch.elapsed >= self.max_episode_steps
         if len(waiting):
             for result in (terminated, truncated, *terms.values()):

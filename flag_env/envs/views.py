@@ -8,10 +8,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from flag_env.envs.batch import LIMIT, FlagBatch
+from flag_env import _validate
+from flag_env.envs.batch import FlagBatch
+from flag_env.envs.config import FlagConfig
+from flag_env.envs.observation import BOUND
 from flag_env.tasks import REWARDS
 
 Numbers = Any  # float, or NDArray[np.float64]
+Flags = Any  # bool, or NDArray[np.bool_]
 Observation = Any
 """An array, or a dictionary of arrays."""
 
@@ -20,6 +24,12 @@ class FlatView:
     """One flat vector: nodes, velocities, targets, differences, actuators, time left; rewards by the whole flag's distance."""
 
     rewards: ClassVar[tuple[str, ...]] = tuple(REWARDS)
+    """Rewards that it can give."""
+
+    @classmethod
+    def reward_of(cls, config: FlagConfig) -> str:
+        """Name of the reward; raise ValueError where this view cannot give the one asked for."""
+        return config.task.reward if config.reward is None else _validate.choice("reward", config.reward, cls.rewards)
 
     def __init__(self, batch: FlagBatch, reward: str) -> None:
         self.batch, self._terms, self._tolerance = batch, REWARDS[reward], batch.config.tolerance
@@ -37,10 +47,13 @@ class FlatView:
         """One copy's of these."""
         return self.batch.rows[copy].copy()
 
-    def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
-        """Named terms that sum to the rewards, of all copies or, from numbers and its own observation, of one."""
+    def terms(self, before: Numbers, distance: Numbers, observation: Observation, last: Flags) -> dict[str, Numbers]:
+        """Named terms that sum to the rewards, of all copies or, from numbers and its own observation, of one.
+
+        `last` tells whether the step is the last of those that the targets were made for.
+        """
         del observation
-        return self._terms(before, distance, self._tolerance)
+        return self._terms(before, distance, self._tolerance, last)
 
 
 class GoalView(FlatView):
@@ -50,9 +63,8 @@ class GoalView(FlatView):
 
     def space(self) -> spaces.Space[Any]:
         """Space of one flag's observation."""
-        nodes = 3 * len(self.batch.nodes)
-        rest = _box(2 * nodes + self.batch.control.state_size + 1)
-        return spaces.Dict({"observation": rest, "achieved_goal": _box(nodes), "desired_goal": _box(nodes)})
+        parts = self._parts(self.batch.rows[0])
+        return spaces.Dict({name: _box(len(part)) for name, part in parts.items()})
 
     def observe(self) -> Observation:
         """Observations of all copies, fresh memory."""
@@ -64,16 +76,24 @@ class GoalView(FlatView):
 
     def _parts(self, whole: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
         """Of flat observations (..., entries)."""
-        n = 3 * len(self.batch.nodes)
+        at = self.batch.layout
+        rest = (at.positions, at.velocities, at.actuators, at.time_left)
         return {
-            "observation": np.concatenate([whole[..., : 2 * n], whole[..., 4 * n :]], axis=-1),
-            "achieved_goal": whole[..., :n].copy(),
-            "desired_goal": whole[..., 2 * n : 3 * n].copy(),
+            "observation": np.concatenate([whole[..., part] for part in rest], axis=-1),
+            "achieved_goal": whole[..., at.positions].copy(),
+            "desired_goal": whole[..., at.targets].copy(),
         }
 
-    def terms(self, before: Numbers, distance: Numbers, observation: Observation) -> dict[str, Numbers]:
+    @classmethod
+    def reward_of(cls, config: FlagConfig) -> str:
+        """Name of the reward; raise ValueError where the target is no pose, or the reward no function of two of them."""
+        if config.task.goal.moving:
+            raise ValueError(f"level must have a pose for its goal in an environment with goals, got {config.task.name!r}")
+        return cls.rewards[0] if config.reward is None else _validate.choice("reward", config.reward, cls.rewards)
+
+    def terms(self, before: Numbers, distance: Numbers, observation: Observation, last: Flags) -> dict[str, Numbers]:
         """Named terms that sum to the rewards; see `FlatView`."""
-        del before, distance
+        del before, distance, last
         return self.goal_terms(observation["achieved_goal"], observation["desired_goal"])
 
     def goal_terms(self, achieved: NDArray[Any], desired: NDArray[Any]) -> dict[str, Numbers]:
@@ -110,4 +130,4 @@ def goal_reward(view: GoalView, achieved_goal: NDArray[Any], desired_goal: NDArr
 
 
 def _box(size: int) -> spaces.Box:
-    return spaces.Box(-LIMIT, LIMIT, (size,), np.float32)
+    return spaces.Box(-BOUND, BOUND, (size,), np.float32)

@@ -5,6 +5,8 @@
 "shaped":  in_tolerance = 0.1 [d < tolerance];  approach = 3 (d_before - 0.98 d)
 "dense":   distance = -d
 "sparse":  miss = -[d >= tolerance]
+"track":   in_tolerance = 0.1 [d < tolerance];  closeness = 0.1 exp(-(d / 2 tolerance)^2);  distance = -0.3 d
+"snap":    approach as above, and at the last step  reached = [d < tolerance];  closeness = 2 exp(-d / tolerance)
 
 The approach term is the difference of a potential -3 d, discounted by 0.98 (Ng, Harada, Russell 1999). Summed with the weights
 0.98^t over an episode of n steps it telescopes, whatever the actions: 3 d_0 - 3 * 0.98^n d_n. For an agent that discounts by 0.98
@@ -18,29 +20,52 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 Numbers = Any  # float, or NDArray[np.float64]
+Flags = Any  # bool, or NDArray[np.bool_]
 
 BONUS = 0.1
 SLOPE = 3.0
 DISCOUNT = 0.98
 
 
-def shaped(before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
+def shaped(before: Numbers, distance: Numbers, tolerance: float, last: Flags = False) -> dict[str, Numbers]:
     """A bonus within tolerance, and for the way made towards the target."""
+    del last
     return {"in_tolerance": BONUS * (distance < tolerance), "approach": SLOPE * (before - DISCOUNT * distance)}
 
 
-def dense(before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
+def dense(before: Numbers, distance: Numbers, tolerance: float, last: Flags = False) -> dict[str, Numbers]:
     """Minus the distance."""
-    del before, tolerance
+    del before, tolerance, last
     return {"distance": -distance}
 
 
-def sparse(before: Numbers, distance: Numbers, tolerance: float) -> dict[str, Numbers]:
+def sparse(before: Numbers, distance: Numbers, tolerance: float, last: Flags = False) -> dict[str, Numbers]:
     """Minus one outside tolerance."""
-    del before
+    del before, last
     return {"miss": (distance < tolerance) - 1.0}
 
 
-REWARDS = {"shaped": shaped, "dense": dense, "sparse": sparse}
-"""Terms of each reward, of the shape of `distance`; `before` is the distance one step earlier."""
+def track(before: Numbers, distance: Numbers, tolerance: float, last: Flags = False) -> dict[str, Numbers]:
+    """A bonus within tolerance and near it, less the distance."""
+    del before, last
+    near = np.exp(-((distance / (2.0 * tolerance)) ** 2))
+    return {"in_tolerance": BONUS * (distance < tolerance), "closeness": BONUS * near, "distance": -0.3 * distance}
+
+
+def snap(before: Numbers, distance: Numbers, tolerance: float, last: Flags = False) -> dict[str, Numbers]:
+    """For the way made towards the target, and at the end for being there."""
+    return {
+        "approach": SLOPE * (before - DISCOUNT * distance),
+        "reached": 1.0 * (last & (distance < tolerance)),
+        "closeness": last * (2.0 * np.exp(-distance / tolerance)),
+    }
+
+
+REWARDS = {"shaped": shaped, "dense": dense, "sparse": sparse, "track": track, "snap": snap}
+"""Terms of each reward, of the shape of `distance`; `before` is the distance one step earlier, `last` whether it is the 75th."""
+
+REWARD_SLOPES = {"shaped": (SLOPE, -SLOPE * DISCOUNT), "dense": (0.0, -1.0)}
+"""Derivatives of rewards with respect to the distances before and after, where they have one: a bonus has none at its edge."""

@@ -1,8 +1,8 @@
-"""The library of target poses, each with its witness: the actions that reach it.
+"""The library of targets, each with its witness: the actions that reach it.
 
-A target is the pose in which the flag ends when its witness is replayed from the start under the target's hidden wind. Poses are
-shipped for the default scene, rounded to 1/4096 m; `envs.certify` builds them from a seed, and keeps only targets whose witness
-holds the flag within half the tolerance for the last ten steps. Splits never share a witness.
+A target is the pose in which the flag ends, or the motion in which it moves, when its witness is replayed from the start under
+the target's hidden wind and in its turbulence. `envs.certify` builds them from a seed; splits never share a witness. Poses of the
+first levels are shipped for the default scene, rounded to 1/4096 m; of the others the witnesses, which `envs.frames` replays.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SPLITS = ("train", "validation", "test")
-SIZES = {"train": 768, "validation": 128, "test": 128}
-"""Number of targets of each split."""
+from flag_env.tasks.witnesses import unrolled
+
+SPLITS = ("train", "validation", "test", "shift")
 
 PARTS = ("witnesses", "wind", "positions")
 """Arrays that a library file has of each split; besides, `spans`, `seed` and a digest of each split."""
@@ -33,36 +33,47 @@ LARGEST = 2**15 - 1
 """Largest coordinate that can be stored, in quanta."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Targets:
-    """Targets of one control, level and split.
+    """Targets of one control, level and split; those of your own are given to an environment as `targets`.
 
     Attributes
     ----------
     witnesses : (targets, knots, action) float32
         Actions; each knot is held for its share of the episode, as `spans` tells.
-    spans : (knots,)
-        Number of steps of each knot.
+    spans : (knots,) or (1,)
+        Number of steps of each knot; or of all of them, which are then joined by a cubic spline.
     wind : (targets, 3) float32
         Hidden wind [m/s^2], on top of the known one.
     positions : (targets, layers, rows, cols, 3)
-        Poses [m].
+        Poses of the default scene [m]; without any, of size 0, poses are where the witnesses lead.
+    ends : (targets, nodes, 3)
+        Where the nodes that an agent observes are in the end [m], of libraries that ship no poses: what replays must come to.
+    own_turbulence
+        Whether each target has turbulence of its own, that of its witness; else it differs from episode to episode.
     """
 
     witnesses: NDArray[np.float32]
     spans: NDArray[np.int64]
     wind: NDArray[np.float32]
     positions: NDArray[np.float64]
+    ends: NDArray[np.float64] | None = None
+    own_turbulence: bool = False
 
     def __len__(self) -> int:
         return len(self.witnesses)
 
     def actions(self, index: int) -> NDArray[np.float32]:
         """The witness of one target, an action a step, shape (steps, action)."""
-        return np.repeat(self.witnesses[index], self.spans, axis=0)
+        return unrolled(self.witnesses[index], self.spans)
+
+    def turbulence_seed(self, index: int) -> int:
+        """Seed of a target's turbulence: a digest of its witness and hidden wind, whatever its number."""
+        made = hashlib.sha256(self.witnesses[index].tobytes() + self.wind[index].tobytes())
+        return int.from_bytes(made.digest()[:7], "little")
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def load_targets(control: str, level: str, split: str) -> Targets:
     """The shipped targets of a control, level and split."""
     with as_file(files("flag_env.tasks") / "data" / f"{control}_{level}.npz") as path:
@@ -82,6 +93,8 @@ def read_targets(path: Path, split: str) -> Targets:
     if str(noted) != digest(seed, split, *parts, spans):
         raise ValueError(f"{path} must hold {split} targets that fit its digest, got others; build it anew with flag-env targets")
     witnesses, wind, positions = parts
+    if positions.ndim == 3:
+        return Targets(witnesses, spans, wind, np.zeros(0), QUANTUM * positions.astype(np.float64))
     return Targets(witnesses, spans, wind, decode(positions))
 
 

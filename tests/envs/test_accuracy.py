@@ -8,8 +8,8 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import flag_env  # noqa: F401
-from flag_env.envs import batch
-from flag_env.envs.batch import DEFAULT_SCENE, FlagConfig
+from flag_env.envs import config
+from flag_env.envs.config import DEFAULT_SCENE, FlagConfig
 from flag_env.envs.sb3 import FlagSB3VecEnv
 from flag_env.physics import describe, presets, tune
 from flag_env.physics.integrators import RK4
@@ -72,8 +72,8 @@ def test_a_scene_is_taken_as_it_is_unless_told():
 def test_a_tolerance_in_metres_is_kept_on_the_control_step():
     scene = FlagConfig(accuracy=1e-5).resolved_scene()
     assert 0.04 / scene.timestep == pytest.approx(round(0.04 / scene.timestep), abs=1e-9)
-    blown = FlagConfig(accuracy=1e-5).resolved_scene().adding(*batch.blown(DEFAULT_SCENE).effects)
-    assert blown == tune(batch.blown(DEFAULT_SCENE), 1e-5, multiple_of=0.04)
+    blown = FlagConfig(accuracy=1e-5).resolved_scene().adding(*config.blown(DEFAULT_SCENE).effects)
+    assert blown == tune(config.blown(DEFAULT_SCENE), 1e-5, multiple_of=0.04)
     assert describe(blown).error <= 1e-5
 
 

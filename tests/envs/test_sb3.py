@@ -10,7 +10,7 @@ from stable_baselines3 import PPO, SAC, HerReplayBuffer
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import flag_env  # noqa: F401
-from flag_env.envs.batch import FlagConfig
+from flag_env.envs.config import FlagConfig
 from flag_env.envs.sb3 import FlagSB3VecEnv
 from flag_env.envs.vector import FlagVectorEnv
 
@@ -64,11 +64,13 @@ def test_takes_every_argument_of_the_vector_environment():
     assert ours == theirs
     env = FlagSB3VecEnv(
         2, "FlagGoal-v0", max_episode_steps=7, threads=1, control="mast", level="calm", split="test", scene="two_layer_flag",
-        tolerance=0.04, reward="dense", render_mode="rgb_array", width=64, height=48, accuracy="fast",
+        tolerance=0.04, reward="dense", render_mode="rgb_array", width=80, height=64, accuracy="fast",
     )  # fmt: skip
-    assert env.env._batch.config == FlagConfig("mast", "calm", "test", "two_layer_flag", 0.04, "fast")
+    assert env.env._batch.config == FlagConfig(
+        "mast", "calm", "test", "two_layer_flag", 0.04, "dense", "rgb_array", 80, 64, "fast"
+    )
     env.reset()
-    assert [frame.shape for frame in env.get_images()] == [(48, 64, 3)] * 2
+    assert [frame.shape for frame in env.get_images()] == [(64, 80, 3)] * 2
     steps = [env.step(np.zeros((2, 5), np.float32)) for _ in range(7)]
     assert [step[2].all() for step in steps] == [False] * 6 + [True]
     assert not {0.0, -1.0} & set(steps[0][1].tolist())
@@ -110,8 +112,8 @@ def test_attributes_are_those_of_single_environments():
 
 def test_methods_act_on_the_flags_named_alone():
     """As SB3's own vector of single environments has it: what the other flags do afterwards is as if nothing had been called."""
-    ours, untouched = FlagSB3VecEnv(3, render_mode="rgb_array", width=32, height=24), FlagSB3VecEnv(3)
-    theirs = DummyVecEnv([lambda: gymnasium.make("Flag-v0", render_mode="rgb_array", width=32, height=24)] * 3)
+    ours, untouched = FlagSB3VecEnv(3, render_mode="rgb_array", width=80, height=64), FlagSB3VecEnv(3)
+    theirs = DummyVecEnv([lambda: gymnasium.make("Flag-v0", render_mode="rgb_array", width=80, height=64)] * 3)
     action = np.full((3, 3), 0.5, np.float32)
     for env in (ours, theirs, untouched):
         env.seed(4)
@@ -120,7 +122,7 @@ def test_methods_act_on_the_flags_named_alone():
     for indices in ([1], 1, [2, 0]):
         frames = ours.env_method("render", indices=indices)
         assert same(frames, theirs.env_method("render", indices=indices))
-        assert all(frame.shape == (24, 32, 3) for frame in frames)
+        assert all(frame.shape == (64, 80, 3) for frame in frames)
     assert same(ours.env_method("witness", indices=[1]), [theirs.envs[1].unwrapped.witness()])
     options = {"target": 5}
     for arguments in ({}, {"seed": 8, "options": options}):

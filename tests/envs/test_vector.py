@@ -115,11 +115,11 @@ def test_non_finite_action_of_one_flag_is_refused_before_anything_changes():
 
 
 def test_frames_of_all_flags():
-    env = native(render_mode="rgb_array", width=64, height=48)
+    env = native(render_mode="rgb_array", width=80, height=64)
     env.reset(seed=0)
     frames = env.render()
     assert len(frames) == 3
-    assert frames[0].shape == (48, 64, 3)
+    assert frames[0].shape == (64, 80, 3)
     env.close()
 
 
