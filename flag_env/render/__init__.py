@@ -6,5 +6,6 @@ Knows nothing of the simulator; matplotlib is imported when the first renderer i
 from flag_env.render.recording import write_video
 from flag_env.render.renderer import Renderer
 from flag_env.render.snapshot import Snapshot
+from flag_env.render.style import LARGEST_SIZE, SMALLEST_SIZE, Palette, Style
 
-__all__ = ["Renderer", "Snapshot", "write_video"]
+__all__ = ["LARGEST_SIZE", "SMALLEST_SIZE", "Palette", "Renderer", "Snapshot", "Style", "write_video"]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from flag_env.render.camera import Camera
 from flag_env.render.shading import Quads, shade_cells
 from flag_env.render.solids import balls, join, tube
-from flag_env.render.surface import CLOTH, Palette, cells_of, surface_for
+from flag_env.render.style import Palette, Style
+from flag_env.render.surface import cells_of, surface_for
 
 __all__ = ["Body", "flag_body", "mast_axis", "mast_quads"]
 
@@ -37,26 +38,24 @@ class Body(NamedTuple):
     shade: Array
 
 
-def flag_body(
-    camera: Camera, positions: Array, size: float, palette: Palette = CLOTH, intact: NDArray[np.bool_] | None = None
-) -> Body:
+def flag_body(camera: Camera, positions: Array, size: float, style: Style, intact: NDArray[np.bool_] | None = None) -> Body:
     """Return a lattice as it is drawn: cloth, or ropes if it is one row or one column wide.
 
     Args:
         camera: what it is seen by.
         positions: particle positions [m], shape (layers, rows, cols, 3).
         size: a length [m] that thick things are measured by.
-        palette: colours of the cloth; the first also colours a rope.
+        style: colours and pattern of the cloth; the first field also colours a rope.
         intact: which cells are cloth, shape (layers, rows - 1, cols - 1); None: all are.
     """
     if min(positions.shape[1:3]) < 2:
-        return _rope(camera, positions.reshape(len(positions), -1, 3), size, palette)
+        return _rope(camera, positions.reshape(len(positions), -1, 3), size, style.palette)
     torn = intact is not None and not intact.all()
-    surface = surface_for(*positions.shape[:3], palette, torn)
+    surface = surface_for(*positions.shape[:3], style, torn)
     vertices = surface.vertices(positions)
     pixels, depth = camera.project(vertices)
     corners = cells_of(pixels)
-    colors = shade_cells(vertices, corners, surface.albedo, camera.rotation[2])
+    colors = shade_cells(surface.light(positions, vertices, camera.rotation[2]), corners, surface.albedo)
     middle = 0.25 * (depth[:, :-1, :-1] + depth[:, :-1, 1:] + depth[:, 1:, 1:] + depth[:, 1:, :-1])
     quads = Quads(corners, colors, middle.reshape(-1))
     if intact is not None and torn:
@@ -90,7 +89,7 @@ def mast_quads(camera: Camera, ends: Array, size: float) -> Quads:
     line = ends[0] + share[:, None] * (ends[1] - ends[0])
     radius = 0.013 * size * (1.0 - 0.25 * share)
     finial = balls(camera, ends[1:], np.array([0.026 * size]), _FINIAL, 2, 10)
-    return join([tube(camera, line, radius, _POLE, 3), finial])
+    return join([tube(camera, line, radius, _POLE, 2), finial])
 
 
 def _rope(camera: Camera, strands: Array, size: float, palette: Palette) -> Body:
@@ -99,7 +98,7 @@ def _rope(camera: Camera, strands: Array, size: float, palette: Palette) -> Body
     parts = [balls(camera, strands.reshape(-1, 3), np.full(strands[..., 0].size, radius), palette.second, 2, 8)]
     outlines = []
     for strand in strands if strands.shape[1] > 1 else []:
-        parts.append(tube(camera, strand, np.full(len(strand), 0.45 * radius), palette.first, 3))
+        parts.append(tube(camera, strand, np.full(len(strand), 0.45 * radius), palette.first, 2))
         pixels, depth = camera.project(strand)
         outlines.append(np.concatenate([pixels, depth[:, None]], axis=1))
     return Body(join(parts), outlines, strands.reshape(-1, 3))

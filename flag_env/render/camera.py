@@ -7,12 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Camera"]
+__all__ = ["Camera", "view"]
 
 Array = NDArray[np.float64]
 
-AZIMUTH = np.radians(-62.0)  # 0 looks along -x, -90 degrees along +y: from the front, a little from the fly
-ELEVATION = np.radians(15.0)
 STANDOFF = 1.9  # distance of the eye from the centre of the box, in box diagonals
 ROUNDING = 0.80  # the box's corners are drawn in to this share, since flags swing round and seldom visit them
 MARGIN = 0.03  # fraction of the picture left free on each side
@@ -40,18 +38,18 @@ class Camera:
     near: float = 1e-6
 
     @classmethod
-    def framing(cls, bounds: Array, width: int, height: int) -> Camera:
+    def framing(cls, bounds: Array, width: int, height: int, azimuth: float = -62.0, elevation: float = 15.0) -> Camera:
         """Return the camera that shows the box, its corners rounded off, as large as the picture allows.
 
         Args:
             bounds: lowest and highest corner of the box [m], shape (2, 3).
             width: width of the picture [pixel].
             height: height of the picture [pixel].
+            azimuth: where the eye stands, degrees about z; 0 looks along -x, -90 along +y.
+            elevation: of the eye above the horizon, degrees.
         """
-        toward = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
-        right = np.cross(-toward, [0.0, 0.0, 1.0])
-        right /= np.linalg.norm(right)
-        rotation = np.stack([right, np.cross(toward, right), -toward])
+        rotation = view(azimuth, elevation)
+        toward = -rotation[2]
         centre, half = bounds.mean(axis=0), 0.5 * (bounds[1] - bounds[0])
         standoff = STANDOFF * 2.0 * float(np.linalg.norm(half))
         eye = centre + standoff * toward
@@ -83,3 +81,12 @@ class Camera:
     def scale(self, depth: Array) -> Array:
         """Return how many pixels a metre across the line of sight covers at `depth` [m], any shape."""
         return self.focal / depth
+
+
+def view(azimuth: float, elevation: float) -> Array:
+    """Return the unit vectors right, up and forward, shape (3, 3), of an eye at these angles in degrees."""
+    turn, rise = np.radians([azimuth, elevation])
+    toward = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+    right = np.cross(-toward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(toward, right), -toward])

@@ -12,11 +12,7 @@ __all__ = ["Layer"]
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
-# Pixels by which quads grow, so that antialiased neighbours leave no hairline between them.
-_OVERLAP = 0.3
-
-_NOTHING_2 = np.zeros((0, 2))
-_NOTHING_4 = np.zeros((0, 4))
+_HALVES = np.array([[0, 1, 2], [0, 2, 3]])  # corners of a quad's two triangles
 
 
 class Layer:
@@ -52,44 +48,22 @@ class Layer:
         self.pixels[...] = 0
 
     def quads(self, corners: Array, colors: Array) -> None:
-        """Fill quads in the order given, so the last covers the others.
+        """Fill quads in the order given, so the last covers the others; colours blend between corners.
 
-        Of Agg's primitives, one QuadMesh call is the quickest way to fill quads in any order. Measured for
-        quads of 4 x 4 pixels: 1.4 us each, against 4.5 us for a pair of Gouraud triangles, and 2.5 us or more
-        for a PolyCollection or for a path collection with an affine map per quad. A mesh wants neighbouring
-        cells, so the quads lie in a row with a column of NaN vertices between each two, which Agg drops.
+        Two Gouraud triangles a quad. Measured for quads of 6 x 6 pixels: 3.2 us each, against 2.6 us in one colour by a
+        QuadMesh, of which many more are needed to look as smooth. Agg lets triangles grow by half a pixel, so that no hairline
+        stays between neighbours.
 
         Args:
             corners: vertices [pixel], shape (n, 4, 2).
-            colors: RGB from 0 to 1, shape (n, 3).
+            colors: of the corners, RGB from 0 to 1, shape (n, 4, 3).
         """
-        count = len(corners)
-        if count == 0:
+        if len(corners) == 0:
             return
-        across = corners[:, 1] - corners[:, 0] + corners[:, 2] - corners[:, 3]
-        up = corners[:, 3] - corners[:, 0] + corners[:, 2] - corners[:, 1]
-        across *= (_OVERLAP / (np.sqrt(across[:, 0] ** 2 + across[:, 1] ** 2) + 1e-9))[:, None]
-        up *= (_OVERLAP / (np.sqrt(up[:, 0] ** 2 + up[:, 1] ** 2) + 1e-9))[:, None]
-        rising, falling = across + up, across - up
-        # Agg's time goes by the rows of pixels an edge crosses. The edges beside the NaN are walked once
-        # more, so these are the lower and upper ones, which are level as a rule.
-        vertices = np.full((2, count, 3, 2), np.nan)
-        vertices[0, :, 0], vertices[0, :, 1] = corners[:, 0] - rising, corners[:, 3] - falling
-        vertices[1, :, 0], vertices[1, :, 1] = corners[:, 1] + falling, corners[:, 2] + rising
-        faces = np.ones((count, 3, 4))
-        faces[..., :3] = colors[:, None]
-        context = self._renderer.new_gc()
-        self._renderer.draw_quad_mesh(
-            context,
-            self._identity,
-            3 * count - 1,
-            1,
-            vertices.reshape(2, 3 * count, 2),
-            _NOTHING_2,
-            self._identity,
-            faces.reshape(-1, 4)[:-1],
-            True,
-            _NOTHING_4,
+        colors = np.concatenate([colors, np.ones((len(colors), 4, 1))], axis=2)
+        triangles, shades = (np.ascontiguousarray(part[:, _HALVES]) for part in (corners, colors))
+        self._renderer.draw_gouraud_triangles(
+            self._renderer.new_gc(), triangles.reshape(-1, 3, 2), shades.reshape(-1, 3, 4), self._identity
         )
 
     def line(self, points: Array, color: tuple[float, float, float], width: float, alpha: float = 1.0) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from importlib import import_module
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ Pixels = NDArray[np.uint8]
 
 _SUFFIXES = (".gif", ".mp4")
 _COLORS = 224  # of 256: the encoder needs a free one that stands for "as in the frame before"
+_AHEAD, _EVERY = 32, 6  # the palette is that of every sixth of the first frames
+_STEP = 4.0  # between two colours of a smooth area, about [of 255]
 
 
 def write_video(frames: Iterable[Pixels], path: str | os.PathLike[str], fps: float) -> Path:
@@ -64,41 +67,53 @@ def _checked(frames: Iterable[Pixels]) -> Iterator[Pixels]:
 def _write_gif(frames: Iterator[Pixels], path: Path, fps: float) -> None:
     from PIL import Image
 
-    palette: Image.Image | None = None
+    first = list(islice(frames, _AHEAD))
+    palette = _palette(np.concatenate(first[::_EVERY]))
+    grain = _grain(*first[0].shape[:2])
 
     def indexed(frame: Pixels) -> Image.Image:
-        # One palette for as long as it fits, and no dithering: still pixels keep their number, so that the
-        # encoder stores only what moves.
+        # One palette for as long as it fits, and the same grain in every frame: still pixels keep their number, so
+        # that the encoder stores only what moves.
         nonlocal palette
-        image = Image.fromarray(frame)
-        if palette is not None:
+        image = Image.fromarray(np.clip(np.rint(frame + grain), 0, 255).astype(np.uint8))
+        result = image.quantize(palette=palette, dither=Image.Dither.NONE)
+        if not _fits(np.asarray(result.convert("RGB")), frame):
+            palette = _palette(frame)
             result = image.quantize(palette=palette, dither=Image.Dither.NONE)
-            if _fits(np.asarray(result.convert("RGB")), frame):
-                return result
-        palette = _palette(image)
-        return image.quantize(palette=palette, dither=Image.Dither.NONE)
+        return result
 
-    indexed(next(frames)).save(
+    every = (indexed(frame) for frame in chain(first, frames))
+    next(every).save(
         path,
         format="GIF",
         save_all=True,
-        append_images=(indexed(frame) for frame in frames),
+        append_images=every,
         duration=max(20, 10 * round(100.0 / fps)),
         loop=0,
         optimize=True,  # pixels that stay become transparent, which compresses well
     )
 
 
-def _palette(image: Image.Image) -> Image.Image:
-    """Return an image that carries the palette for `image`."""
+def _palette(frame: Pixels) -> Image.Image:
+    """Return an image that carries the palette for `frame`."""
     from PIL import Image
 
-    # Half the colours go to wide areas, where a gradient would show steps, half to small things that stand out.
-    methods = (Image.Quantize.MEDIANCUT, Image.Quantize.MAXCOVERAGE)
-    halves = [image.quantize(_COLORS // 2, method=method).getpalette() or [] for method in methods]
+    # Half the colours go to wide areas, where a gradient would show steps, half to all hues that there are.
+    image, half = Image.fromarray(frame), _COLORS // 2
+    methods = (Image.Quantize.MEDIANCUT, Image.Quantize.FASTOCTREE)
+    halves = [image.quantize(half, method=method).getpalette() or [] for method in methods]
     carrier = Image.new("P", (1, 1))
-    carrier.putpalette(halves[0][: 3 * _COLORS // 2] + halves[1][: 3 * _COLORS // 2])
+    carrier.putpalette(halves[0][: 3 * half] + halves[1][: 3 * half])
     return carrier
+
+
+def _grain(height: int, width: int) -> NDArray[np.float64]:
+    """Return what is added to a frame so that gradients show no steps, shape (height, width, 1): Bayer's ordered dither."""
+    bayer = np.zeros((1, 1))
+    for _ in range(3):
+        bayer = np.block([[4 * bayer, 4 * bayer + 2], [4 * bayer + 3, 4 * bayer + 1]])
+    tile = _STEP * ((bayer + 0.5) / bayer.size - 0.5)
+    return np.tile(tile, (height // 8 + 1, width // 8 + 1))[:height, :width, None]
 
 
 def _fits(shown: Pixels, wanted: Pixels) -> bool:

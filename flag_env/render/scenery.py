@@ -51,30 +51,37 @@ def backdrop(camera: Camera, bounds: Array, width: int, height: int) -> Pixels:
 
 
 def _band(camera: Camera, bounds: Array, rows: NDArray[Any], width: int, height: int) -> Pixels:
-    """Sky and ground of some rows of the picture, RGB, shape (rows, width, 3)."""
-    x, y = np.meshgrid(np.arange(width) + 0.5, height - rows - 0.5)
-    rays = np.stack([(x - camera.centre[0]) / camera.focal, (y - camera.centre[1]) / camera.focal, np.ones_like(x)], -1)
-    rays = rays @ camera.rotation
-    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    rise = np.clip(rays[..., 2:] / 0.30, 0.0, 1.0)
-    sky = _HORIZON + (_ZENITH - _HORIZON) * rise**0.8
-    down = np.minimum(rays[..., 2], -1e-4)
-    distance = (bounds[0, 2] - camera.eye[2]) / down
-    hit = camera.eye[:2] + distance[..., None] * rays[..., :2]
+    """Sky and ground of some rows of the picture, RGB, shape (rows, width, 3), in single precision."""
+    single = np.float32
+    x = (np.arange(width, dtype=single) + single(0.5))[None, :]
+    y = (height - rows - 0.5).astype(single)[:, None]
+    right, up, forward = camera.rotation.astype(single)
+    across, upward = (x - single(camera.centre[0])) / single(camera.focal), (y - single(camera.centre[1])) / single(camera.focal)
+    length = np.sqrt(1 + across**2 + upward**2)
+    ray_x, ray_y, ray_z = ((across * right[k] + upward * up[k] + forward[k]) / length for k in range(3))
+    rise = np.clip(ray_z / single(0.30), 0, 1) ** single(0.8)
+    down = np.minimum(ray_z, single(-1e-4))
+    distance = single(bounds[0, 2] - camera.eye[2]) / down
     # A pixel's footprint on the ground smooths the lines; where it outgrows the grid, they fade out.
-    footprint = (distance / camera.focal / np.sqrt(-down))[..., None]
-    off = np.abs(hit / _GRID - np.round(hit / _GRID)) * _GRID
-    line = np.clip((0.5 * _LINE_WIDTH + 0.5 * footprint - off) / footprint, 0.0, 1.0)
-    line *= np.clip(1.5 - 6.0 * footprint / _GRID, 0.0, 1.0)
-    line = line.max(axis=-1, keepdims=True)
-    ground = _GROUND + (_LINE - _GROUND) * line
+    footprint = distance / single(camera.focal) / np.sqrt(-down)
+    line = np.zeros_like(distance)
+    for eye, ray in zip(camera.eye[:2].astype(single), (ray_x, ray_y), strict=True):
+        place = (eye + distance * ray) / single(_GRID)
+        off = np.abs(place - np.rint(place)) * single(_GRID)
+        np.maximum(line, (single(0.5 * _LINE_WIDTH) + single(0.5) * footprint - off) / footprint, out=line)
+    line = np.minimum(line, 1) * np.clip(single(1.5) - single(6.0 / _GRID) * footprint, 0, 1)
     reach = float(np.linalg.norm(bounds.mean(axis=0) - camera.eye))
-    haze = 1.0 - np.exp(-(np.maximum(distance[..., None] / reach - 0.75, 0.0) ** 2) / _HAZE)
-    ground += (_HORIZON - ground) * haze
-    color = np.where(rays[..., 2:] < -1e-4, ground, sky)
-    middle = np.hypot((x / width - 0.5), (y / height - 0.5))[..., None]
-    color *= 1.0 - 0.16 * np.clip(middle - 0.25, 0.0, 1.0)
-    return np.asarray(np.round(255.0 * np.clip(color, 0.0, 1.0)), dtype=np.uint8)
+    haze = 1 - np.exp(np.maximum(distance / single(reach) - single(0.75), 0) ** 2 / single(-_HAZE))
+    ground = ray_z < -1e-4
+    middle = np.hypot(x / single(width) - single(0.5), y / single(height) - single(0.5))
+    edge = single(255) - single(255 * 0.16) * np.clip(middle - single(0.25), 0, 1)
+    band = np.empty((len(rows), width, 3), np.uint8)
+    for channel in range(3):
+        horizon, zenith, plain, ruled = (single(color[channel]) for color in (_HORIZON, _ZENITH, _GROUND, _LINE))
+        floor = plain + (ruled - plain) * line
+        floor += (horizon - floor) * haze
+        band[..., channel] = np.rint(np.where(ground, floor, horizon + (zenith - horizon) * rise) * edge)
+    return band
 
 
 class Shadow:

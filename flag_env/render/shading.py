@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["SUN", "Quads", "lambert", "shade_cells"]
+__all__ = ["SUN", "Quads", "cloth_light", "flat", "lambert", "shade_cells"]
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class Quads(NamedTuple):
     Attributes
     ----------
         corners: vertices [pixel], shape (n, 4, 2).
-        colors: RGB from 0 to 1, shape (n, 3).
+        colors: of the corners, between which they blend, RGB from 0 to 1, shape (n, 4, 3).
         depth: depth of the middle along the line of sight [m], shape (n,); larger is farther.
     """
 
@@ -43,32 +43,47 @@ def lambert(normals: Array) -> Array:
     return np.asarray(sky * _SKY + sun * _SUNLIGHT)
 
 
-def shade_cells(vertices: Array, pixels: Array, albedo: Array, forward: Array) -> Array:
-    """Return the colours, shape (n, 3), of cloth cells lit on both sides.
+def cloth_light(along: Array, up: Array, forward: Array) -> Array:
+    """Return the light on both faces of a cloth, shape (..., 2, 4): light that falls on it, RGB, and its sheen.
+
+    The first face is the one that `along` x `up` stands on.
 
     Args:
-        vertices: grid of vertices [m], shape (layers, up, along, 3).
-        pixels: projected corners of its cells [pixel], shape (n, 4, 2), anticlockwise seen from the front.
-        albedo: colours of the front and back faces, shape (2, n, 3).
+        along: tangents along the cloth, component first, shape (3, ...), of any length.
+        up: tangents up the cloth, likewise.
         forward: unit vector from the eye into the picture, shape (3,).
     """
-    a = (vertices[:, 1:, 1:] - vertices[:, :-1, :-1]).reshape(-1, 3)
-    b = (vertices[:, 1:, :-1] - vertices[:, :-1, 1:]).reshape(-1, 3)
-    normal = np.empty_like(a)
-    normal[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
-    normal[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
-    normal[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    normal = np.stack([along[k - 2] * up[k - 1] - along[k - 1] * up[k - 2] for k in range(3)])
+    normal /= np.sqrt((normal * normal).sum(axis=0)) + 1e-30
+    half = (SUN - forward) / np.linalg.norm(SUN - forward)
+    facing, shine = (np.tensordot(direction, normal, 1) for direction in (SUN, half))
+    result = np.empty((*facing.shape, 2, 4))
+    for face, sign in enumerate((1.0, -1.0)):
+        sun, through = np.maximum(sign * facing, 0.0)[..., None], np.maximum(-sign * facing, 0.0)[..., None]
+        sky = (0.72 + sign * 0.28 * normal[2])[..., None]
+        result[..., face, :3] = sky * _SKY + sun * _SUNLIGHT + through * _THROUGH
+        sheen = np.maximum(sign * shine, 0.0)
+        for _ in range(4):  # to the power 16
+            sheen = sheen * sheen
+        result[..., face, 3] = _SHEEN * sheen
+    return result
+
+
+def shade_cells(light: Array, pixels: Array, albedo: Array) -> Array:
+    """Return the colours at the corners of cloth cells, shape (n, 4, 3), each of the face that is seen.
+
+    Args:
+        light: on both faces at the corners, shape (n, 4, 2, 4).
+        pixels: projected corners [pixel], shape (n, 4, 2), anticlockwise seen from the front.
+        albedo: colours of the front and back faces, shape (2, n, 3).
+    """
     flat_a, flat_b = pixels[:, 2] - pixels[:, 0], pixels[:, 3] - pixels[:, 1]
-    front = flat_a[:, 0] * flat_b[:, 1] > flat_a[:, 1] * flat_b[:, 0]
-    length = np.sqrt(np.einsum("ij,ij->i", normal, normal)) + 1e-30
-    normal *= (np.where(front, 1.0, -1.0) / length)[:, None]  # now towards the eye
-    facing = normal @ SUN
-    half = SUN - forward
-    sheen = np.maximum(normal @ (half / np.linalg.norm(half)), 0.0)
-    for _ in range(4):  # to the power 16
-        sheen *= sheen
-    light = lambert(normal)
-    light += np.maximum(-facing, 0.0)[:, None] * _THROUGH
-    colors = np.where(front[:, None], albedo[0], albedo[1]) * light
-    colors += (_SHEEN * sheen)[:, None]
+    front = (flat_a[:, 0] * flat_b[:, 1] > flat_a[:, 1] * flat_b[:, 0])[:, None]
+    seen = np.where(front[..., None], light[:, :, 0], light[:, :, 1])
+    colors = np.where(front, albedo[0], albedo[1])[:, None] * seen[..., :3] + seen[..., 3:]
     return np.asarray(np.minimum(colors, 1.0))
+
+
+def flat(colors: Array) -> Array:
+    """Return one colour a quad, shape (n, 3), as those of its corners, shape (n, 4, 3)."""
+    return np.repeat(colors[:, None], 4, axis=1)

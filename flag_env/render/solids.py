@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flag_env.render.camera import Camera
-from flag_env.render.shading import Quads, lambert
+from flag_env.render.shading import Quads, flat, lambert
 
 __all__ = ["arrow", "balls", "join", "tube"]
 
@@ -28,7 +28,7 @@ def join(parts: list[Quads]) -> Quads:
     return Quads(corners[order], colors[order], depth[order])
 
 
-def tube(camera: Camera, line: Array, radius: Array, color: Color, strips: int = 5) -> Quads:
+def tube(camera: Camera, line: Array, radius: Array, color: Color, strips: int = 3) -> Quads:
     """Return the visible half of a tube.
 
     Args:
@@ -48,12 +48,13 @@ def tube(camera: Camera, line: Array, radius: Array, color: Color, strips: int =
     rim = line[:, None] + (radius[:, None] * across)[..., None] * side[:, None]
     pixels, depth = camera.project(rim)
     corners = np.stack([pixels[:-1, :-1], pixels[:-1, 1:], pixels[1:, 1:], pixels[1:, :-1]], axis=2)
-    middle = 0.5 * (across[:-1] + across[1:])
-    normals = middle[:, None] * side[:-1, None] + np.sqrt(1.0 - middle**2)[:, None] * away[:-1, None]
-    colors = lambert(normals) * np.array(color)
+    turned = 0.75 * across  # not all the way round: rims as dark as they are would part a thin tube in two
+    normals = turned[:, None] * side[:, None] + np.sqrt(1.0 - turned**2)[:, None] * away[:, None]
+    shades = np.minimum(lambert(normals) * np.array(color), 1.0)
+    colors = np.stack([shades[:-1, :-1], shades[:-1, 1:], shades[1:, 1:], shades[1:, :-1]], axis=2)
     # Nearer than the surface, or cells of the cloth pinned to the axis would show through between segments.
     near = 0.25 * (depth[:-1, :-1] + depth[:-1, 1:] + depth[1:, 1:] + depth[1:, :-1]) - 2.0 * radius[:-1, None]
-    return Quads(corners.reshape(-1, 4, 2), np.minimum(colors.reshape(-1, 3), 1.0), near.reshape(-1))
+    return Quads(corners.reshape(-1, 4, 2), colors.reshape(-1, 4, 3), near.reshape(-1))
 
 
 def balls(camera: Camera, centres: Array, radius: Array, color: Color, rings: int = 3, sides: int = 12) -> Quads:
@@ -71,7 +72,7 @@ def balls(camera: Camera, centres: Array, radius: Array, color: Color, rings: in
     corners = pixels[:, None, None] + size[:, None, None, None] * patch
     colors = np.broadcast_to(shades, (len(centres), *shades.shape))
     near = np.repeat(depth - radius, len(patch))
-    return Quads(corners.reshape(-1, 4, 2), colors.reshape(-1, 3), near)
+    return Quads(corners.reshape(-1, 4, 2), flat(colors.reshape(-1, 3)), near)
 
 
 def arrow(along: Array, rotation: Array, origin: Array, scale: float, radius: float, color: Color) -> Quads:
@@ -109,7 +110,7 @@ def arrow(along: Array, rotation: Array, origin: Array, scale: float, radius: fl
     away = float(axis @ rotation[2]) > 0.0
     order = [1, 2, 0] if away else [2, 0, 1]  # the nearer part last
     seen = (normals @ rotation[2] < 0.0)[order]
-    return Quads(corners[order][seen], shades[order][seen], np.zeros(int(seen.sum())))
+    return Quads(corners[order][seen], flat(shades[order][seen]), np.zeros(int(seen.sum())))
 
 
 def _across(axis: Array) -> Array:

@@ -3,7 +3,7 @@
 The live page needs the extra "play"; replays need nothing besides the package.
 """
 
-from flag_env.viewer.episode import Task
+from flag_env.viewer.episode import Act, Task
 from flag_env.viewer.film import of_episode, of_scene, of_simulator, of_stage, pictures, save
 from flag_env.viewer.host import play
 from flag_env.viewer.replay import Motion, Replay
@@ -13,6 +13,7 @@ from flag_env.viewer.window import Window
 
 __all__ = [
     "STAGES",
+    "Act",
     "Breeze",
     "Motion",
     "Replay",

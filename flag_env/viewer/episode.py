@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from flag_env import _validate
 from flag_env.control import CONTROL_STEP, CONTROLS
-from flag_env.envs.batch import EPISODE_STEPS, LEVELS
+from flag_env.envs.config import EPISODE_STEPS
 from flag_env.envs.flag import FlagEnv
 from flag_env.render import Snapshot
+from flag_env.tasks import checked_level
 
 Act = Callable[[Any], NDArray[np.float32]]
 """A policy: from an observation to an action."""
@@ -37,7 +38,7 @@ class Task:
 
     def __post_init__(self) -> None:
         _validate.choice("control", self.control, CONTROLS)
-        _validate.choice("level", self.level, LEVELS)
+        checked_level(self.control, self.level)
 
     def make(self) -> gymnasium.Env[Any, Any]:
         """One environment."""

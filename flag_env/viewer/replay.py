@@ -30,7 +30,7 @@ GRID = 1e-4
 LARGEST = 2**26
 """Steps of the grid that a position may be away from the origin: differences of differences then fit into 32 bits."""
 
-SCRIPTS = ("view", "shaders", "surface", "draw", "plot", "replay")
+SCRIPTS = ("view", "shaders", "surface", "graphics", "draw", "plot", "replay")
 
 
 @dataclass(frozen=True)

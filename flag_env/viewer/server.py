@@ -38,7 +38,7 @@ STATUS_EVERY = 5
 ON_THEIR_WAY = 2
 """Frames sent to a page and not yet acknowledged, at most."""
 
-SCRIPTS = ("view", "shaders", "surface", "draw", "plot", "panel", "live")
+SCRIPTS = ("view", "shaders", "surface", "graphics", "draw", "plot", "panel", "live")
 
 PAGES = {
     "/": ("page.html", "text/html; charset=utf-8"),

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from flag_env import _validate
-from flag_env.control import CONTROLS
-from flag_env.envs.batch import LEVELS
 from flag_env.physics.diagnostics import strain
+from flag_env.tasks import LEVELS, rungs
 from flag_env.viewer.body import body, torn
 from flag_env.viewer.episode import DRIVERS, Act, Episode, Task
 from flag_env.viewer.flight import Flight
@@ -172,7 +171,7 @@ class Session:
             "version": self.version,
             "agent": self._agent is not None,
             "drivers": [driver for driver in DRIVERS if driver != "agent" or self._agent is not None],
-            "controls": list(CONTROLS),
+            "controls": list(dict.fromkeys(control for control, _ in rungs())),
             "levels": list(LEVELS),
             "stages": {name: [stage.title, stage.told] for name, stage in STAGES.items()},
         }

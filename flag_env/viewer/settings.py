@@ -143,15 +143,15 @@ class Settings:
         sliders = {
             "stiffness": Slider("Cloth", "stiffness", "x", 0.01, 5.0, 1.0, True),
             "viscosity": Slider("Cloth", "viscosity", "x", 0.01, 5.0, 1.0, True),
-            "taper": Slider("Cloth", "mass at the free edge", "x", 0.02, 1.0, scene.lattice.taper, True),
+            "taper": Slider("Cloth", "free-edge mass", "x", 0.02, 1.0, scene.lattice.taper, True),
         }
         if "Gravity" in self.effects:
             own = _gravity(self.stage)
             sliders["gravity"] = Slider("Cloth", "gravity", "m/s²", 0.0, 2.0 * own, own)
         if self.wind_unit is not None:
             sliders |= self._wind_sliders(self.wind_unit, scene)
-        sliders["step"] = Slider("Time", "step, share of the limit", "", 0.05, LARGEST_SHARE, share)
-        sliders["pace"] = Slider("Time", "pace", "x real time", 0.01, 2.0, stage.pace, True)
+        sliders["step"] = Slider("Time", "step / limit", "", 0.05, LARGEST_SHARE, share)
+        sliders["pace"] = Slider("Time", "pace / real time", "x", 0.01, 2.0, stage.pace, True)
         return {name: slider._replace(value=given.get(name, slider.value)) for name, slider in sliders.items()}
 
     def _wind_sliders(self, unit: str, scene: Scene) -> dict[str, Slider]:

@@ -7,8 +7,10 @@ import importlib
 import numpy as np
 import pytest
 from PIL import Image
+from render_flags import lattice
+from scipy.ndimage import uniform_filter
 
-from flag_env.render import write_video
+from flag_env.render import Renderer, write_video
 
 
 def names(folder):
@@ -114,3 +116,20 @@ def test_the_file_has_ordinary_permissions(tmp_path):
     path = write_video(frames(), tmp_path / "flag.gif", fps=10)
     (tmp_path / "plain").touch()
     assert path.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_tones_come_back_and_what_stands_still_costs_nothing(make, tmp_path):
+    """Averaged over 9 x 9 pixels, so that the grain cancels, colours are the right ones: no bands, no wrong hues."""
+    renderer = Renderer(240, 240)
+    target = lattice(wave=-0.2)
+    pictures = [renderer.draw(make(positions=lattice(wave=0.03 * k - 0.4), target=target)) for k in range(24)]
+    path = write_video(pictures, tmp_path / "flag.gif", fps=25)
+    with Image.open(path) as image:
+        for number in (0, 12, 23):
+            image.seek(number)
+            read = np.asarray(image.convert("RGB")).astype(float)
+            error = uniform_filter(read - pictures[number], (9, 9, 1))
+            assert np.percentile(np.abs(error), 99) < 3.7
+            assert np.sqrt((error**2).mean()) < 1.6
+    still = write_video(pictures[:1], tmp_path / "one.gif", fps=25).stat().st_size
+    assert write_video(pictures[:1] * 12, tmp_path / "still.gif", fps=25).stat().st_size < 1.1 * still

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from render_flags import BOUNDS, lattice
 
 from flag_env.render import Renderer
 from flag_env.render.camera import Camera
+from flag_env.render.scenery import backdrop
 
 
 def test_frame_is_a_fresh_uint8_array(renderer, make):
@@ -157,7 +160,7 @@ def test_cloth_and_pole_hide_each_other_by_depth(make, side):
 
 
 def test_close_twice_and_then_refuse(make):
-    renderer = Renderer(64, 48)
+    renderer = Renderer(64, 64)
     renderer.draw(make())
     renderer.close()
     renderer.close()
@@ -165,13 +168,13 @@ def test_close_twice_and_then_refuse(make):
         renderer.draw(make())
 
 
-@pytest.mark.parametrize(("width", "height"), [(0, 10), (10.5, 480), (480, 10**6), (True, 480)])
+@pytest.mark.parametrize(("width", "height"), [(0, 100), (63, 480), (480, 63), (100.5, 480), (480, 10**6), (True, 480)])
 def test_refuses_sizes(width, height):
     with pytest.raises(ValueError, match=r"width|height"):
         Renderer(width, height)
 
 
-@pytest.mark.parametrize("size", [(16, 16), (33, 200), (481, 479)])
+@pytest.mark.parametrize("size", [(64, 64), (65, 200), (481, 479)])
 def test_odd_sizes(make, size):
     frame = Renderer(*size).draw(make(wind=[1, 0, 0], distance=0.1, tolerance=0.05, target=lattice()))
     assert frame.shape == (size[1], size[0], 3)
@@ -183,6 +186,8 @@ def test_imports_are_lazy_and_pyplot_stays_out(run_python):
 import sys
 import flag_env
 before = set(sys.modules)
+import tracemalloc
+
 import numpy as np
 from flag_env.render import Renderer, Snapshot
 new = set(sys.modules) - before
@@ -192,3 +197,15 @@ Renderer(64, 64).draw(Snapshot(np.random.default_rng(0).normal(size=(1, 4, 4, 3)
 assert "matplotlib.pyplot" not in sys.modules
 """
     )
+
+
+def test_a_large_backdrop_takes_little_more_memory_than_itself():
+    """Pictures of numbers for every pixel at once would take gigabytes at 8192 x 8192."""
+    camera = Camera.framing(BOUNDS, 1536, 1536)
+    tracemalloc.start()
+    try:
+        painted = backdrop(camera, BOUNDS, 1536, 1536)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < painted.nbytes + 32e6

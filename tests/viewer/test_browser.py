@@ -54,11 +54,11 @@ def slide(page, name: str, share: float) -> None:
       s.dispatchEvent(new Event("input", {{ bubbles: true }})); }})()""")
 
 
-def test_the_page_loads_without_an_error_or_an_outside_request(live):
+def test_the_page_loads_without_an_error_or_an_outside_request(live, wait_for):
     session, page = live
     origin = page.value("location.origin")
     assert all(url.startswith((origin, "data:")) for url in page.requests), page.requests
-    assert share_of(picture(page), RED) > 0.01
+    wait_for(lambda: share_of(picture(page), RED) > 0.01)  # it may swing edge-on for a moment
     before = page.value("live.received")
     page.wait(f"live.received > {before} + 5")
     assert page.value("live.owed") <= 2
@@ -189,16 +189,17 @@ def test_a_page_of_another_origin_gets_nothing(served, tab):
     page.errors.clear()  # Chromium reports the refusal
 
 
-def test_draw_modes_differ_and_pinned_balls_are_red(live):
+def test_draw_modes_differ_and_pinned_balls_are_red(live, wait_for):
     _, page = live
+    wait_for(lambda: share_of(picture(page), RED) > 0.01)  # it may swing edge-on for a moment
     page.page.click("#pause")
     page.wait("live.status.paused")
     shown = {}
     for mode in ("cloth", "balls", "strain"):
         page.page.click(f"#mode-{mode}")
         shown[mode] = picture(page)
-    assert (np.abs(shown["cloth"] - shown["balls"]).max(axis=-1) > 40).mean() > 0.01
-    assert (np.abs(shown["cloth"] - shown["strain"]).max(axis=-1) > 40).mean() > 0.01
+    for mode in ("balls", "strain"):
+        assert (np.abs(shown["cloth"] - shown[mode]).max(axis=-1) > 40).mean() > 0.5 * share_of(shown["cloth"], RED)
     assert page.page.inner_text("#legend").count("%") == 2
     page.page.click("#mode-balls")
     for particle, pinned in ((10 * 32, True), (10 * 32 + 1, False)):

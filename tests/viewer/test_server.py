@@ -33,6 +33,16 @@ def get(address: str, path: str = "/", **headers: str):
     return response, response.read().decode()
 
 
+def knock(address: str, headers: dict[str, str]) -> int:
+    """Status of the answer to a request for the WebSocket."""
+    host, port = address.split("/")[2].split(":")
+    connection = http.client.HTTPConnection(host, int(port), timeout=30)
+    connection.request("GET", "/socket", headers=headers)
+    status = connection.getresponse().status
+    connection.close()
+    return status
+
+
 def socket(address: str, **changes):
     """A connection as the page makes it."""
     url = address.replace("http", "ws") + "socket"
@@ -65,11 +75,15 @@ def test_foreign_hosts_are_refused(served, host):
 
 
 def test_a_tunnel_with_another_port_gets_in(served):
-    async def run():
-        async with socket(served[1], origin="http://localhost:9999", additional_headers={"Host": "localhost:9999"}) as page:
-            return await page.recv()
-
+    """Its pages name the tunnel's end; the WebSocket's origin is then that name too, and no other."""
     assert get(served[1], Host="localhost:9999")[0].status == 200
+    upgrade = {
+        "Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==", "Host": "localhost:9999",
+    }  # fmt: skip
+    assert knock(served[1], upgrade | {"Origin": "http://localhost:9999"}) == 101
+    assert knock(served[1], upgrade | {"Origin": served[1].rstrip("/")}) == 403
+    assert knock(served[1], upgrade | {"Origin": "http://localhost:9999", "Host": "evil.example"}) == 403
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1", "http://localhost:1", None])

@@ -7,23 +7,16 @@ const FAMILY_COLOURS = {
 const MODES = ["cloth", "balls", "strain"];
 const SHADOW = 256;
 
-// Whether WebGL runs on the processor: then smoothed edges cost more than they are worth.
-function drawnBySoftware() {
-  const gl = document.createElement("canvas").getContext("webgl2"), known = gl && gl.getExtension("WEBGL_debug_renderer_info");
-  return Boolean(known) && /swiftshader|llvmpipe|software|basic render/i.test(gl.getParameter(known.UNMASKED_RENDERER_WEBGL));
-}
-
-class Painter {
+class Painter extends Graphics {
   constructor(canvas) {
-    this.soft = drawnBySoftware();
-    const gl = canvas.getContext("webgl2", { antialias: !this.soft, alpha: false });
-    if (!gl) throw new Error("This browser offers no WebGL 2, which the picture needs.");
-    this.gl = gl; this.canvas = canvas; this.mode = "cloth"; this.hidden = new Set(); this.range = 0.02; this.largest = 0;
+    super(canvas);
+    const gl = this.gl;
+    this.mode = "cloth"; this.hidden = new Set(); this.range = 0.02;
     this.programs = {
       cloth: this._program(CLOTH_VERTEX, CLOTH_FRAGMENT), ball: this._program(BALL_VERTEX, BALL_FRAGMENT),
       rod: this._program(ROD_VERTEX, ROD_FRAGMENT), room: this._program(ROOM_VERTEX, ROOM_FRAGMENT),
       still: this._program(ROOM_VERTEX, STILL_FRAGMENT), ground: this._program(SHADOW_VERTEX, SHADOW_FRAGMENT),
-      clothShade: this._program(CLOTH_VERTEX, SHADE_FRAGMENT), 
+      clothShade: this._program(CLOTH_VERTEX, SHADE_FRAGMENT),
     };
     this.square = this._buffer(new Float32Array([-1, -1, 1, -1, -1, 1, 1, 1]));
     this.textures = Object.fromEntries(["positions", "cells", "links", "shadow", "still"].map((name) => [name, this._texture()]));
@@ -66,7 +59,7 @@ class Painter {
 
   setFrame(positions, torn = null) {
     this._texels(positions, this.texels);
-    this.largest = this._strains(positions);
+    this._strains(positions);
     this._upload("positions", this.texels);
     if (this.cloth) this.surfaces.positions.update(this.texels);
     this.torn = torn;
@@ -81,21 +74,24 @@ class Painter {
     }
   }
 
-  // Largest strain; each particle's texel holds the strain of the link at it that is farthest from rest.
+  // Each particle's texel holds the strain of the link at it that is farthest from rest.
   _strains(p) {
     const [, rows, cols] = this.scene.shape, out = this.texels;
-    let largest = 0;
     for (const [, , up, along, length] of this.links || []) {
       const offset = up * cols + along;
       for (let t = 0; t + offset < this.count; t++) {
         if (t % cols + along >= cols || Math.floor(t / cols) % rows + up >= rows) continue;
         const a = 3 * t, b = 3 * (t + offset), dx = p[b] - p[a], dy = p[b + 1] - p[a + 1], dz = p[b + 2] - p[a + 2];
         const s = Math.sqrt(dx * dx + dy * dy + dz * dz) / length - 1;
-        if (s > largest) largest = s;
         for (const k of [4 * t + 3, 4 * (t + offset) + 3]) if (Math.abs(s) > Math.abs(out[k])) out[k] = s;
       }
     }
-    return largest;
+  }
+
+  // The strain, either way, that this share of the particles does not exceed.
+  strain(share) {
+    const all = Float32Array.from({ length: this.count }, (_, t) => Math.abs(this.texels[4 * t + 3])).sort();
+    return all[Math.min(this.count - 1, Math.floor(share * this.count))];
   }
 
   _texels(p, texels) {
@@ -168,7 +164,7 @@ class Painter {
       const bending = name === "Bending";
       this._use(this.programs.rod, {
         u_positions: this._bind(0, "positions"), u_shape: shape, u_direction: [layers, rows, cols], u_one: false,
-        u_radius: thin * this.least * (name === "Structural" ? 0.075 : bending ? 0.045 : 0.045),
+        u_radius: thin * this.least * (name === "Structural" ? 0.055 : 0.032),
         u_shift: bending ? [0, -0.13 * this.least, 0] : [0, 0, 0],  // else they would lie within the structural links
         u_colour: [...(FAMILY_COLOURS[name] || [0.5, 0.5, 0.5]), 1], u_torn: Boolean(this.torn), u_links: this._bind(2, "links"), u_bit: bit,
       });
@@ -180,11 +176,11 @@ class Painter {
   }
 
   _drawPoles() {
-    const gl = this.gl, wood = [0.86, 0.85, 0.83, 1];
+    const gl = this.gl, wood = [0.86, 0.85, 0.83, 1], thick = this.pole * (this.mode === "balls" ? 0.5 : 1);   // pinned balls stand out of it
     for (const [foot, top] of this.poles()) {
       gl.bindVertexArray(this.bare);
       this._use(this.programs.rod, {
-        u_positions: this._bind(0, "positions"), u_links: this._bind(2, "links"), u_shape: this.scene.shape, u_one: true, u_from: foot, u_to: top, u_radius: this.pole, u_shift: [0, 0, 0],
+        u_positions: this._bind(0, "positions"), u_links: this._bind(2, "links"), u_shape: this.scene.shape, u_one: true, u_from: foot, u_to: top, u_radius: thick, u_shift: [0, 0, 0],
         u_colour: wood, u_torn: false,
       });
       gl.drawArrays(gl.TRIANGLES, 0, 6);
@@ -222,100 +218,23 @@ class Painter {
 
   // Sky and ground, painted anew when the camera moves; then the shadow.
   _drawRoom(width, height) {
-    const gl = this.gl, c = this.camera, key = [width, height, this.ground, this.size, c.shift, ...c.view].join();
+    const gl = this.gl, c = this.camera, key = [width, height, this.ground, this.size, ...c.shift, ...c.view].join();
     gl.bindVertexArray(this.corners);
     if (key !== this.stillKey) {
       this.stillKey = key;
       gl.activeTexture(gl.TEXTURE0 + 4); gl.bindTexture(gl.TEXTURE_2D, this.textures.still);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, null);
       gl.bindFramebuffer(gl.FRAMEBUFFER, this.still);
-      this._use(this.programs.room, { u_fan: [...c.fan, c.shift, 0], u_turn: c.turn, u_ground: this.ground, u_reach: 3 * this.size, u_grid: this.size / 3.6 });
+      this._use(this.programs.room, { u_fan: [...c.fan, ...c.shift], u_turn: c.turn, u_ground: this.ground, u_reach: 3 * this.size, u_grid: this.size / 3.6 });
       gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
       gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     }
-    this._use(this.programs.still, { u_fan: [...c.fan, c.shift, 0], u_turn: c.turn, u_picture: this._bind(0, "still") });
+    this._use(this.programs.still, { u_fan: [...c.fan, ...c.shift], u_turn: c.turn, u_picture: this._bind(0, "still") });
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     if (!this.cloth || c.eye[2] < this.ground) return;
     gl.enable(gl.BLEND); gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     this._use(this.programs.ground, { u_plot: this.plot, u_ground: this.ground, u_blur: this.blur, u_shadow: this._bind(3, "shadow"), u_taps: this.soft ? 6 : 16 });
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
     gl.disable(gl.BLEND);
-  }
-
-  // -- WebGL ----------------------------------------------------------------------------------------------------------------
-
-  _program(vertex, fragment) {
-    const gl = this.gl, program = gl.createProgram();
-    for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, source); gl.compileShader(shader);
-      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
-      gl.attachShader(program, shader);
-    }
-    gl.linkProgram(program);
-    if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
-    const places = {};
-    for (let k = 0; k < gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS); k++) {
-      const { name, type } = gl.getActiveUniform(program, k);
-      places[name] = { type, place: gl.getUniformLocation(program, name) };
-    }
-    return { program, places };
-  }
-
-  // Sets a program's uniforms by name; those that it does not have are left out.
-  _use({ program, places }, values) {
-    const gl = this.gl, c = this.camera;
-    gl.useProgram(program);
-    const all = { u_view: c.view, u_projection: c.projection, u_eye: c.eye, ...values };
-    for (const [name, value] of Object.entries(all)) {
-      if (!places[name]) continue;
-      const { type, place } = places[name];
-      if (type === gl.FLOAT_MAT4) gl.uniformMatrix4fv(place, false, value);
-      else if (type === gl.FLOAT_MAT3) gl.uniformMatrix3fv(place, false, value);
-      else if (type === gl.FLOAT) gl.uniform1f(place, value);
-      else if (type === gl.INT_VEC3) gl.uniform3iv(place, value);
-      else if (value.length) gl[`uniform${value.length}fv`](place, value);
-      else gl.uniform1i(place, value);
-    }
-  }
-
-  _buffer(data) {
-    const gl = this.gl, buffer = gl.createBuffer();
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer); gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
-    return buffer;
-  }
-
-  _attribute(place, buffer, size) {
-    const gl = this.gl;
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    gl.enableVertexAttribArray(place); gl.vertexAttribPointer(place, size, gl.FLOAT, false, 0, 0);
-  }
-
-  _texture() {
-    const gl = this.gl, texture = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, texture);
-    for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
-    for (const side of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, side, gl.CLAMP_TO_EDGE);
-    return texture;
-  }
-
-  _target(name) {
-    const gl = this.gl, target = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.FRAMEBUFFER, target);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.textures[name], 0);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    return target;
-  }
-
-  _upload(name, texels) {
-    const gl = this.gl, [layers, rows, cols] = this.scene.shape;
-    gl.bindTexture(gl.TEXTURE_2D, this.textures[name]);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, cols, layers * rows, 0, gl.RGBA, gl.FLOAT, texels);
-  }
-
-  _bind(unit, name) {
-    const gl = this.gl;
-    gl.activeTexture(gl.TEXTURE0 + unit); gl.bindTexture(gl.TEXTURE_2D, this.textures[name]); gl.activeTexture(gl.TEXTURE0 + 4);
-    return unit;
   }
 }

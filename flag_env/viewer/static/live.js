@@ -12,7 +12,7 @@ class Live {
     this.goal = [0, 0, 0, 0, 0]; this.waiting = null;
     this.modes = new Modes($("modes"), this.painter, $("legend"));
     const panel = $("panel");
-    this.view.covered = () => panel.classList.contains("folded") || window.innerWidth <= 720 ? 0 : panel.offsetWidth + 14;
+    this.view.covered = () => panel.classList.contains("folded") ? [0, 0] : window.innerWidth <= 720 ? [0, panel.offsetHeight + 8] : [panel.offsetWidth + 14, 0];
     this.view.holdable = (x, y) => this.hold(x, y);
     document.addEventListener("keydown", (e) => this.key(e));
     this.connect();
@@ -115,7 +115,7 @@ class Live {
     }
     if (!this.ready || !this.scene) return;
     this.painter.draw(this.view);
-    if (this.scene.wind) compass(this.$("compass"), this.wind, this.view.axes());
+    if (this.scene.wind) compass(this.$("compass"), this.wind, this.view);
     this.modes.update();
     this.drawn++;
   }

@@ -11,7 +11,6 @@ function make(tag, properties = {}, ...children) {
 function told(value, unit) {
   if (value === null || value === undefined) return "-";
   if (unit === "x" || unit === "") return `${unit}${value.toPrecision(3)}`;
-  if (unit === "x real time") return `${value.toPrecision(2)} x real time`;
   const plain = unit === "rad/s" || unit === "m/s" || unit === "m/s²";
   const size = Math.abs(value);
   const [factor, prefix] = plain || size === 0 || (size >= 0.1 && size < 1e4) ? [1, ""] : size >= 1e4 ? [1e-3, "k"] : size >= 1e-4 ? [1e3, "m"] : [1e6, "µ"];
@@ -26,7 +25,7 @@ class Range {
     this.unit = unit; this.log = log; this.low = low; this.high = high;
     this.input = make("input", { type: "range", min: 0, max: STEPS, step: 1, id: `slider-${name}` });
     this.output = make("output");
-    this.element = make("label", { className: "slider" }, make("span", { textContent: label }), this.output, this.input);
+    this.element = make("label", { className: "slider" }, make("span", { textContent: label }), this.input, this.output);
     this.input.addEventListener("input", () => { this.held = performance.now(); this.output.textContent = told(this.value, unit); moved(this.value); });
     this.set(value);
   }

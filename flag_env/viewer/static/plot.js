@@ -46,14 +46,19 @@ function plot(canvas, curves, { length, mark = null, at = null, percent = false 
   });
 }
 
-// The wind, (x, y, z) as a share of a full arrow, in the camera's directions; the ring lies in the ground.
-function compass(canvas, wind, axes) {
+// The wind, (x, y, z) as a share of a full arrow, from the camera's side; the rings, of half and full strength, lie in the ground.
+// Seen from 35 degrees up or more: from lower down a wind to or from the eye would be a point.
+function compass(canvas, wind, view) {
   const [c, w, h] = sharpen(canvas), r = 0.40 * Math.min(w, h), cx = w / 2, cy = 0.55 * h;
+  const axes = view.axes(Math.max(35, view.elevation));
   const seen = (p) => [cx + r * V.dot(p, axes.right), cy - r * V.dot(p, axes.up), V.dot(p, axes.back)];
   c.strokeStyle = "rgba(35,43,51,0.30)"; c.lineWidth = 1.2;
-  c.beginPath();
-  for (let k = 0; k <= 64; k++) { const p = seen([Math.cos(k * Math.PI / 32), Math.sin(k * Math.PI / 32), 0]); k ? c.lineTo(p[0], p[1]) : c.moveTo(p[0], p[1]); }
-  c.stroke();
+  for (const [size, width] of [[0.5, 0.6], [1, 1.2]]) {
+    c.lineWidth = width;
+    c.beginPath();
+    for (let k = 0; k <= 64; k++) { const p = seen([size * Math.cos(k * Math.PI / 32), size * Math.sin(k * Math.PI / 32), 0]); k ? c.lineTo(p[0], p[1]) : c.moveTo(p[0], p[1]); }
+    c.stroke();
+  }
   c.font = "9px system-ui, sans-serif"; c.fillStyle = "#66717c"; c.textAlign = "center"; c.textBaseline = "middle";
   for (const [name, p] of [["x", [1, 0, 0]], ["y", [0, 1, 0]]]) { const q = seen(V.scale(p, 1.16)); c.fillText(name, q[0], q[1]); }
   const long = Math.hypot(...wind), tip = long > 1 ? V.scale(wind, 1 / long) : wind, foot = seen([tip[0], tip[1], 0]), end = seen(tip), mid = seen([0, 0, 0]);
@@ -111,11 +116,12 @@ class Modes {
     }
   }
 
-  // The scale of strains grows with them at once, and shrinks when they have become much smaller.
+  // The scale of strains grows with them at once, and shrinks when they have become much smaller; a few torn threads do not set it.
   update() {
     const p = this.painter;
-    if (p.mode !== "strain") return;
-    if (p.largest > p.range || p.largest < 0.15 * p.range) p.range = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((r) => r >= p.largest) || 10;
+    if (p.mode !== "strain" || !p.scene) return;
+    const usual = p.strain(0.97);
+    if (usual > p.range || usual < 0.15 * p.range) p.range = [0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5].find((r) => r >= usual) || 10;
     const end = `${+(100 * p.range).toPrecision(2)} %`;
     ["-" + end, "0", "+" + end].forEach((text, k) => { if (this.ends && this.ends[k].textContent !== text) this.ends[k].textContent = text; });
   }

@@ -77,7 +77,7 @@ class Player {
     this.painter.setFrame(this.positions);
     this.painter.draw(this.view);
     this.modes.update();
-    if (this.about.wind) compass(this.$("compass"), this.about.winds.slice(3 * k, 3 * k + 3), this.view.axes());
+    if (this.about.wind) compass(this.$("compass"), this.about.winds.slice(3 * k, 3 * k + 3), this.view);
     if (this.about.distance.length) plot(this.$("distance"), [{ name: "distance to the target", values: this.about.distance }], { length: this.frames.length, mark: this.about.tolerance, at: k, percent: true });
     this.button.textContent = this.playing ? "Pause" : "Play";
     if (this.playing) this.scrub.value = 1000 * Math.min(1, this.time / this.length);

@@ -97,7 +97,12 @@ void main() {
   if (back) normal = -normal;
   vec3 albedo = u_paint == 0 ? pattern(v_uv) : u_paint == 1 ? strain_colour(clamp(v_strain / u_range, -1.0, 1.0)) : u_colour.rgb;
   if (back && u_paint == 0) albedo *= 0.93;
-  colour = vec4(lit(albedo, normal, toward, 0.42), u_paint == 2 ? u_colour.a : 1.0);
+  colour = vec4(lit(albedo, normal, toward, 0.42), 1.0);
+  if (u_paint == 2) {   // a target: seen through, with a firm edge
+    vec2 in_ = min(v_uv, 1.0 - v_uv) * u_size / u_size.y;
+    float edge = 1.0 - min(beyond(in_.x, 0.010), beyond(in_.y, 0.010));
+    colour = vec4(mix(colour.rgb, 0.65 * u_colour.rgb, edge), mix(u_colour.a, 0.9, edge));
+  }
 }`;
 
 // Balls and rods are squares that face the eye; each pixel finds its own place on the round body.

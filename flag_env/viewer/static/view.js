@@ -15,7 +15,7 @@ class View {
     this.home = { target: [0.6, 0, 0.2], distance: 5, azimuth: -62, elevation: 13 };
     this.reset();
     this.changed = () => {};
-    this.covered = () => 0;   // pixels at the right that a panel covers
+    this.covered = () => [0, 0];   // pixels at the right and at the bottom that a panel covers
     this._pointers = new Map();
     this._grab = null;
     canvas.style.touchAction = "none";
@@ -57,30 +57,29 @@ class View {
 
   metresPerPixel(distance = this.distance) { return distance * 2 * this._tangent()[1] / this.canvas.clientHeight; }
 
-  axes() {
-    const a = this.azimuth * Math.PI / 180, e = this.elevation * Math.PI / 180;
+  axes(elevation = this.elevation) {
+    const a = this.azimuth * Math.PI / 180, e = elevation * Math.PI / 180;
     const back = [Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)];
     const right = [-Math.sin(a), Math.cos(a), 0];
     return { right, up: V.cross(back, right), back };
   }
 
   _tangent() {
-    const high = Math.max(1, this.canvas.clientHeight), aspect = this.canvas.clientWidth / high;
-    const narrow = Math.min(1, (this.canvas.clientWidth - this.covered()) / high / 1.25);
-    const y = 0.30 / narrow;   // in a tall window the sides decide
-    return [y * aspect, y];
+    const [right, bottom] = this.covered(), wide = Math.max(1, this.canvas.clientWidth), high = Math.max(1, this.canvas.clientHeight);
+    const narrow = Math.min(1, (wide - right) / (high - bottom) / 1.25), y = 0.30 / narrow * high / (high - bottom);   // in a tall window the sides decide
+    return [y * wide / high, y];
   }
 
   matrices() {
     const { right, up, back } = this.axes(), eye = V.add(this.target, V.scale(back, this.distance));
-    const shift = this.covered() / Math.max(1, this.canvas.clientWidth);
+    const [hidden, below] = this.covered(), shift = [hidden / Math.max(1, this.canvas.clientWidth), -below / Math.max(1, this.canvas.clientHeight)];
     const [tx, ty] = this._tangent(), near = 0.02 * this.home.distance, far = 60 * this.home.distance;
     const view = new Float32Array([
       right[0], up[0], back[0], 0, right[1], up[1], back[1], 0, right[2], up[2], back[2], 0,
       -V.dot(right, eye), -V.dot(up, eye), -V.dot(back, eye), 1,
     ]);
     const projection = new Float32Array([
-      1 / tx, 0, 0, 0, 0, 1 / ty, 0, 0, shift, 0, -(far + near) / (far - near), -1, 0, 0, -2 * far * near / (far - near), 0,
+      1 / tx, 0, 0, 0, 0, 1 / ty, 0, 0, ...shift, -(far + near) / (far - near), -1, 0, 0, -2 * far * near / (far - near), 0,
     ]);
     return { view, projection, eye, fan: [tx, ty], shift, turn: new Float32Array([...right, ...up, ...back]), right, up, back };
   }
@@ -89,7 +88,7 @@ class View {
   project(p) {
     const { right, up, back, eye, fan, shift } = this.matrices(), d = V.add(p, V.scale(eye, -1)), depth = -V.dot(back, d);
     const w = this.canvas.clientWidth, h = this.canvas.clientHeight;
-    return [w / 2 * (1 - shift + V.dot(right, d) / depth / fan[0]), h / 2 * (1 - V.dot(up, d) / depth / fan[1]), depth];
+    return [w / 2 * (1 - shift[0] + V.dot(right, d) / depth / fan[0]), h / 2 * (1 + shift[1] - V.dot(up, d) / depth / fan[1]), depth];
   }
 
   _place(e) {
