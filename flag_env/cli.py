@@ -4,31 +4,39 @@ from __future__ import annotations
 
 import signal
 import sys
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING
 
 from flag_env._files import check_folder
 
+if TYPE_CHECKING:
+    from flag_env.viewer import Act, Task
 
-def targets(output: Path = Path(__file__).parent / "tasks" / "data", seed: int = 0, quick: bool = False) -> None:
-    """Build the library of target poses, replay every witness, and only then put the files in their place.
+
+def targets(
+    output: Path = Path(__file__).parent / "tasks" / "data", seed: int = 0, only: tuple[str, ...] = (), quick: bool = False
+) -> None:
+    """Build the library of targets, replay every witness, and only then put the files in their place.
 
     Args:
         output: folder of the files.
         seed: seed of the witnesses and hidden winds.
+        only: control/level of the files to build or replay, such as wind/wave; none: all.
         quick: build nothing; only replay the witnesses that are there.
     """
     from tqdm import tqdm
 
-    from flag_env.control import CONTROLS
     from flag_env.envs import certify
-    from flag_env.envs.batch import LEVELS
-    from flag_env.tasks import SIZES, read_seed
+    from flag_env.tasks import LEVELS, read_seed, rungs
 
     if seed < 0:
         sys.exit(f"error: seed must be at least 0, got {seed}")
-    named = {f"{control}_{level}.npz": (control, level) for control in CONTROLS for level in LEVELS}
+    own = [(control, level) for control, level in rungs() if LEVELS[level].library is None]
+    wrong = set(only) - {"/".join(task) for task in own}
+    if wrong:
+        sys.exit(f"error: only must name some of {', '.join('/'.join(task) for task in own)}, got {', '.join(sorted(wrong))}")
+    named = {"_".join(task) + ".npz": task for task in own if not only or "/".join(task) in only}
     if quick:
         missing = [name for name in named if not (output / name).is_file()]
         if missing:
@@ -46,7 +54,7 @@ def targets(output: Path = Path(__file__).parent / "tasks" / "data", seed: int =
     try:
         with certify.swapped(output) as folder:
             for name, task in named.items():
-                with tqdm(total=sum(SIZES.values()), desc=" ".join(task)) as bar:
+                with tqdm(total=sum(LEVELS[task[1]].sizes.values()), desc=" ".join(task)) as bar:
                     certify.save(folder / name, certify.build(*task, seed, bar.update), seed)
                 _replay(folder / name, *task)
     except FileExistsError as error:
@@ -58,15 +66,16 @@ def targets(output: Path = Path(__file__).parent / "tasks" / "data", seed: int =
 def _replay(path: Path, control: str, level: str) -> None:
     """Replay the witnesses of a library file; end the command if one does not reach its target."""
     from flag_env.envs import certify
-    from flag_env.envs.batch import FlagConfig
-    from flag_env.tasks import SPLITS, read_targets
+    from flag_env.envs.config import FlagConfig
+    from flag_env.tasks import LEVELS, read_targets
 
-    for split in SPLITS:
+    for split in LEVELS[level].sizes:
         try:
             library = read_targets(path, split)
         except ValueError as error:
             sys.exit(f"error: {error}")
-        worst = max(certify.check(FlagConfig(control, level, split), library))
+        config = FlagConfig(control, level, split)
+        worst = max(certify.check(config, replace(library, own_turbulence=config.task.turbulent)))
         print(f"{path.name} {split:10}: {len(library)} targets, worst distance {100 * worst:.2f} % of the diagonal")
         if worst >= certify.MAX_DRIFT:
             sys.exit(f"error: a witness of {path} does not reach its target")
@@ -119,6 +128,19 @@ def flutter(output: Path = Path("runs/flutter"), quick: bool = False) -> None:
     run(output, quick)
 
 
+def gradients(output: Path = Path("runs/gradients"), quick: bool = False) -> None:
+    """Measure what gradients through the simulator cost, and how long they stay useful.
+
+    Args:
+        output: folder for gradients.json and gradients.png.
+        quick: shorter runs, fewer repetitions.
+    """
+    from flag_env.studies.gradients import run
+
+    _check_folder(output)
+    run(output, quick)
+
+
 def stability(output: Path = Path("runs/stability"), quick: bool = False) -> None:
     """Map which timesteps keep a flag stable, beside the limit that is known before it runs.
 
@@ -138,8 +160,8 @@ def record(
     seconds: float = 3.0,
     witness: int | None = None,
     agent: Path | None = None,
-    control: Literal["wind", "mast"] = "wind",
-    level: Literal["calm", "breeze"] = "breeze",
+    control: str = "wind",
+    level: str = "breeze",
     target: int = 0,
     quick: bool = False,
 ) -> None:
@@ -168,7 +190,10 @@ def record(
         task, act = _agent(agent)
         motion = of_episode(task, "agent", target, act)
     elif witness is not None:
-        motion = of_episode(Task(control, level), "witness", witness)
+        try:
+            motion = of_episode(Task(control, level), "witness", witness)
+        except ValueError as error:
+            sys.exit(f"error: {error}")
     elif scene in STAGES:
         motion = of_stage(scene, seconds)
     else:
@@ -183,8 +208,8 @@ def play(
     scene: str = "flag",
     witness: int | None = None,
     agent: Path | None = None,
-    control: Literal["wind", "mast"] = "wind",
-    level: Literal["calm", "breeze"] = "breeze",
+    control: str = "wind",
+    level: str = "breeze",
     target: int = 0,
     port: int | None = None,
     browser: bool = True,
@@ -206,33 +231,28 @@ def play(
 
     if scene not in STAGES:
         sys.exit(f"scene must be one of {', '.join(STAGES)}, got {scene!r}")
-    task, act, watch = Task(control, level), None, None
-    if agent is not None:
-        task, act = _agent(agent)
+    given, watch = _agent(agent) if agent is not None else None, None
+    if given is not None:
         watch = "agent", target
     elif witness is not None:
         watch = "witness", witness
     try:
+        task, act = given or (Task(control, level), None)
         serve(Session(scene, task, act, watch), port, browser)
     except (ImportError, OSError, ValueError) as error:
         sys.exit(str(error))
 
 
-def _agent(folder: Path) -> tuple[Any, Any]:
-    """Task and policy of a training's folder; needs the folder `training` of a checkout, and the extra of that name."""
-    from flag_env.viewer import Task
-
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # where `training` lies, which is run from the tree
+def _agent(folder: Path) -> tuple[Task, Act]:
+    """Task and agent of a training's folder; end the command if there is none, or nothing to run it."""
     try:
-        evaluate = import_module("training.evaluate")
+        from training.record import watched  # above this package but for its commands
     except ImportError as error:
-        sys.exit(f'an agent needs a checkout of flag_env and the extra "training": pip install -e ".[training]" ({error})')
+        sys.exit(f'an agent needs the extra "training": pip install -e ".[training]" ({error})')
     try:
-        trained, policy = evaluate.load(folder)
-    except FileNotFoundError as error:
-        sys.exit(str(error))
-    task = Task(trained.control, trained.level, trained.env_id, accuracy=trained.accuracy)
-    return task, lambda observation: policy.predict(observation, deterministic=True)[0]
+        return watched(folder)
+    except (FileNotFoundError, ValueError) as error:
+        sys.exit(f"error: {error}")
 
 
 def accuracy(output: Path = Path("runs/accuracy"), quick: bool = False) -> None:
@@ -248,6 +268,36 @@ def accuracy(output: Path = Path("runs/accuracy"), quick: bool = False) -> None:
     run(output, quick)
 
 
+def difficulty(
+    output: Path | None = None,
+    only: tuple[str, ...] = (),
+    targets: int = 128,
+    planned: int = 16,
+    ppo: bool = True,
+    quick: bool = False,
+) -> None:
+    """Measure how hard every level is: baselines, look-ups, planners, witnesses and PPO; a run that was stopped goes on.
+
+    Args:
+        output: JSON file; difficulty.json of the checkout's results if not given.
+        only: control/level of the rungs to measure, such as wind/wave; none: all.
+        targets: test targets of each policy.
+        planned: test targets of the planners.
+        ppo: train PPO too.
+        quick: eight targets, two of the planners, no training.
+    """
+    try:
+        from training import difficulty as measured  # above this package but for its commands
+    except ImportError as error:
+        sys.exit(f'the difficulty of tasks needs the extra "training": pip install -e ".[training]" ({error})')
+    try:
+        given = measured.Difficulty(output or measured.RESULTS, only, targets, planned, ppo, quick)
+    except (TypeError, ValueError) as error:
+        sys.exit(f"error: {error}")
+    measured.measure(given)
+    print(given.output)
+
+
 def main() -> None:
     """Run a subcommand."""
     try:
@@ -258,8 +308,10 @@ def main() -> None:
     tyro.extras.subcommand_cli_from_dict(
         {
             "accuracy": accuracy,
+            "difficulty": difficulty,
             "effects": effects,
             "flutter": flutter,
+            "gradients": gradients,
             "play": play,
             "record": record,
             "speed": speed,

@@ -7,14 +7,14 @@ told the whole target pose.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
-from flag_env.control import CONTROLS, MastControl
-from flag_env.tasks import load_targets
+from flag_env.control import MastControl, mast_pose
 from training.environments import Task
+from training.planner import Planner
 from training.rollouts import Policy
 
 Actions = NDArray[np.float32]
@@ -48,17 +48,15 @@ class Random(Zero):
         return self._rng.uniform(-1, 1, self._shape).astype(np.float32)
 
 
-class Lookup:
-    """Replays the witness of the nearest training target (RMS over the particles), blind to the hidden wind."""
+class Witness:
+    """Replays the witness of the target itself: the proof that it can be reached, not a policy."""
 
     def __init__(self, task: Task, split: str) -> None:
-        self._train = load_targets(task.control, task.level, "train")
-        poses = load_targets(task.control, task.level, split).positions
-        self._nearest = cdist(_flat(poses), _flat(self._train.positions)).argmin(axis=1)
+        self._library = task.targets(split)
 
     def begin(self, targets: NDArray[np.int64]) -> None:
         """Find the witnesses."""
-        self._actions: Actions = np.stack([self._train.actions(self._nearest[target]) for target in targets], axis=1)
+        self._actions: Actions = np.stack([self._library.actions(int(target)) for target in targets], axis=1)
         self._step = 0
 
     def act(self, observations: Observations) -> Actions:
@@ -68,28 +66,73 @@ class Lookup:
         return now
 
 
+class Lookup(Witness):
+    """Replays the witness of the nearest training target (RMS over the steps that count), blind to the hidden wind.
+
+    Parameters
+    ----------
+    task, split
+        What is to be done, and where the targets are from.
+    rank
+        0 for the nearest, 1 for the next.
+    """
+
+    def __init__(self, task: Task, split: str, rank: int = 0) -> None:
+        self._library = task.targets("train")
+        near = neighbours(task, split, rank + 1 + (split == "train"))[0]
+        self._nearest = np.arange(len(near)) if split == "train" and rank == 0 else near[:, rank + (split == "train")]
+
+    def begin(self, targets: NDArray[np.int64]) -> None:
+        """Find the witnesses."""
+        super().begin(self._nearest[targets])
+
+
+def neighbours(task: Task, split: str, count: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The nearest training targets of each target of a split, and their RMS distances in flag diagonals, (targets, count)."""
+    train, these = (np.asarray(_judged(task, one), np.float32) for one in ("train", split))
+    square = np.maximum((these**2).sum(axis=1)[:, None] + (train**2).sum(axis=1) - 2.0 * these @ train.T, 0.0)
+    near = np.argsort(square, axis=1, kind="stable")[:, :count]
+    distance = np.sqrt(np.take_along_axis(square, near, axis=1) / (train.shape[1] / 3)) / task.diagonal
+    return near, distance.astype(np.float64)
+
+
+def _judged(task: Task, split: str) -> NDArray[np.float64]:
+    """Frames of a split on the steps that count, a row for each target."""
+    frames = task.frames(split)
+    return frames[:, -task.goal.steps :].reshape(len(frames), -1)
+
+
 class PControl:
-    """Steers the mast straight to the pose of the target's mast."""
+    """Steers the mast straight to the pose of the target's mast, and leaves the wind alone."""
 
     GAIN = 4.0
     """Wanted velocity / error of the pose [1/s]."""
 
     def __init__(self, task: Task, split: str) -> None:
-        if task.control != "mast":
-            raise ValueError(f"control must be 'mast' for the baseline p_control, got {task.control!r}")
-        masts = load_targets(task.control, task.level, split).positions[:, 0, :, 0]
-        self._poses = mast_pose(masts)
+        self._control = task.control_type
+        at = self._control.mast_pose
+        if at is None:
+            raise ValueError(f"control must be 'mast' or 'both' for the baseline p_control, got {task.control!r}")
+        self._mast = self._control if issubclass(self._control, MastControl) else MastControl
+        self._first, self._state = self._control.size - 5, task.layout.actuators
+        self._pose, self._velocity = at, slice(at.stop, at.stop + 5)
+        frames = task.frames(split)
+        masts = frames.reshape(*frames.shape[:2], *task.shape, 3)[:, :, 0, :, 0]
+        self._poses = mast_pose(masts.reshape(-1, *masts.shape[2:])).reshape(*masts.shape[:2], 5)
 
     def begin(self, targets: NDArray[np.int64]) -> None:
         """Read off where the mast is to go."""
-        self._goal = self._poses[targets]
+        self._goal, self._step = self._poses[targets], 0
 
     def act(self, observations: Observations) -> Actions:
         """Velocity towards the goal, foreseeing what the actuator's lag adds to it."""
-        state = observations[:, -1 - 2 * len(MastControl.reach) : -1]  # the mast's pose and velocity, before the time left
-        pose, velocity = np.split(state, 2, axis=1)
-        error = self._goal - (pose * MastControl.reach + MastControl.lag * velocity * MastControl.speed)
-        return np.clip(self.GAIN * error / MastControl.speed, -1, 1).astype(np.float32)
+        goal = self._goal[:, min(self._step, self._goal.shape[1] - 1)]
+        self._step += 1
+        state, mast = observations[:, self._state], self._mast
+        foreseen = state[:, self._pose] * mast.reach + mast.lag * state[:, self._velocity] * mast.speed
+        actions = np.zeros((len(observations), self._control.size), np.float32)
+        actions[:, self._first :] = np.clip(self.GAIN * (goal - foreseen) / mast.speed, -1, 1)
+        return actions
 
 
 BASELINES: dict[str, Callable[[Task, str], Policy]] = {
@@ -97,22 +140,12 @@ BASELINES: dict[str, Callable[[Task, str], Policy]] = {
     "random": Random,
     "lookup": Lookup,
     "p_control": PControl,
+    "witness": Witness,
+    "planner": Planner,
+    "planner_blind": partial(Planner, blind=True),
 }
 
 
 def action_size(task: Task) -> int:
     """Entries of an action."""
-    return CONTROLS[task.control].size
-
-
-def mast_pose(masts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Displacement (x, y, z) [m] and tilt (about x, about y) [rad] of masts given by points from foot to top (n, points, 3)."""
-    foot, axis = masts[:, 0], masts[:, -1] - masts[:, 0]
-    # Ry(b) Rx(a) turns the vertical to (sin b cos a, -sin a, cos b cos a).
-    length = np.linalg.norm(axis, axis=1)
-    tilt = np.stack([np.arcsin(-axis[:, 1] / length), np.arctan2(axis[:, 0], axis[:, 2])], axis=1)
-    return np.concatenate([foot, tilt], axis=1)
-
-
-def _flat(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    return poses.reshape(len(poses), -1)
+    return task.control_type.size

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from flag_env.envs.batch import EPISODE_STEPS
+from flag_env.envs.config import EPISODE_STEPS
+from flag_env.tasks import HOLD, Goal
 from training import checkpoint
 from training.rollouts import summary
 
@@ -77,10 +78,13 @@ class Validation(BetweenRollouts):
         Timesteps between two points of the curve.
     curve
         Points gathered so far.
+    goal
+        What counts as success.
     """
 
-    def __init__(self, envs: VecEnv, every: int, curve: list[dict[str, Any]]) -> None:
+    def __init__(self, envs: VecEnv, every: int, curve: list[dict[str, Any]], goal: Goal = HOLD) -> None:
         super().__init__()
+        self._goal = goal
         self._evaluation, self._every = Evaluation(envs), every
         self.curve = curve
 
@@ -95,7 +99,7 @@ class Validation(BetweenRollouts):
             return
         self._evaluation.begin()
         self._evaluation.on_step()
-        point = summary(self._evaluation.distances)
+        point = summary(self._evaluation.distances, self._goal)
         self.curve.append({"timesteps": self.num_timesteps, **point})
         for name, value in point.items():
             if value is not None:

@@ -15,6 +15,8 @@ SCRIPTS = {
     "accuracy-cost": "accuracy_cost",
     "vector-speed": "vector_speed",
     "rllib": "rllib_train",
+    "plan": "plan",
+    "identify": "identify",
 }
 """Subcommand -> module, which takes its own arguments."""
 

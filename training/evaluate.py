@@ -20,8 +20,7 @@ from stable_baselines3.common.save_util import load_from_zip_file
 
 from flag_env import _validate
 from flag_env._files import check_file, read_json, write_json
-from flag_env.envs.batch import HOLD_STEPS
-from flag_env.tasks import SIZES, SPLITS
+from flag_env.tasks import SPLITS
 from training.baselines import BASELINES
 from training.command import refusals
 from training.environments import Task, evaluation_envs, learning_envs
@@ -36,17 +35,17 @@ WIDTH = 64
 
 def evaluate(policies: dict[str, Policy], task: Task, split: str, episodes: int | None = None) -> dict[str, Any]:
     """The content of `evaluation.json`: each policy's summary over the first `episodes` targets of a split (None: all)."""
-    _validate.choice("split", split, SPLITS)
-    targets = range(SIZES[split] if episodes is None else _validate.count("episodes", episodes, 1, SIZES[split]))
+    size = task.sizes[_validate.choice("split", split, task.sizes)]
+    targets = range(size if episodes is None else _validate.count("episodes", episodes, 1, size))
     envs = evaluation_envs(task, min(WIDTH, len(targets)), split)
-    results = {name: summary(rollout(policy, envs, targets)) for name, policy in policies.items()}
+    results = {name: summary(rollout(policy, envs, targets), task.goal) for name, policy in policies.items()}
     envs.close()
     return {
         "task": vars(task),
         "split": split,
         "episodes": len(targets),
         "tolerances": TOLERANCES,
-        "hold_steps": HOLD_STEPS,
+        "hold_steps": task.goal.steps,
         "policies": results,
     }
 
@@ -85,10 +84,10 @@ def load(folder: Path) -> tuple[Task, BasePolicy]:
 
 def main(
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional] = (),
-    baselines: tuple[Literal["zero", "random", "lookup", "p_control"], ...] = ("zero", "random"),
-    control: Literal["wind", "mast"] = "wind",
-    level: Literal["calm", "breeze"] = "breeze",
-    split: Literal["train", "validation", "test"] = "validation",
+    baselines: tuple[str, ...] = ("zero", "random"),
+    control: str = "wind",
+    level: str = "breeze",
+    split: str = "validation",
     accuracy: Literal["fast", "balanced", "reference"] | float | None = None,
     output: Path | None = None,
 ) -> None:
@@ -105,6 +104,9 @@ def main(
     """
     torch.set_num_threads(1)
     with refusals():
+        _validate.choice("split", split, SPLITS)
+        for name in baselines:
+            _validate.choice("baselines", name, BASELINES)
         if output is not None:
             check_file("output", output, (".json",))
         if len({folder.name for folder in runs}) < len(runs):

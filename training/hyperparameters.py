@@ -45,10 +45,14 @@ class Hyperparameters:
         return keywords
 
 
-def shipped(algo: str, control: str) -> Path:
-    """The file of an algorithm: the one tuned to the control, where there is one."""
-    own = FOLDER / f"{algo}-{control}.yml"
-    return own if own.exists() else FOLDER / f"{algo}.yml"
+def shipped(algo: str, control: str, level: str = "breeze") -> Path:
+    """The file of an algorithm: the one tuned to the level or else to the control, where there is one."""
+    own = (FOLDER / f"{algo}-{name}.yml" for name in (_KINDS.get(level, level), control))
+    return next((path for path in own if path.exists()), FOLDER / f"{algo}.yml")
+
+
+_KINDS = {"storm": "wave", "whip": "snap", "swing": "snap"}
+"""Levels that learn with the settings of another."""
 
 
 def read(path: Path, env_id: str, total_timesteps: int | None = None, n_envs: int | None = None) -> Hyperparameters:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from flag_env import _validate, viewer
 from flag_env._files import check_file
-from flag_env.envs.batch import EPISODE_STEPS
-from flag_env.render import write_video
-from flag_env.tasks import SIZES, SPLITS
+from flag_env.envs.config import EPISODE_STEPS
+from flag_env.render import LARGEST_SIZE, SMALLEST_SIZE, write_video
 from training.command import refusals
 from training.environments import Task
 from training.evaluate import load
@@ -62,28 +61,52 @@ def record(
     ValueError
         If an argument is of no use; nothing has been done then.
     """
-    check(path, split, targets, every, size)
+    check(path, every, size)
+    check_targets(task, split, targets)
     fps = task.make(split).metadata["render_fps"] / every
     return write_video(frames(policy, task, split, targets, size, every), path, fps)
 
 
 def replay(path: Path, policy: Policy, task: Task, split: str = "test", target: int = 0) -> Path:
     """Write an episode as an HTML file that opens anywhere."""
-    shown = viewer.Task(task.control, task.level, task.env_id, split, task.accuracy)
     policy.begin(np.asarray([target]))
-    return viewer.save(viewer.of_episode(shown, "agent", target, lambda observation: policy.act(observation).reshape(-1)), path)
+    return viewer.save(viewer.of_episode(_shown(task, split), "agent", target, _acting(policy)), path)
 
 
-def check(path: Path, split: str, targets: Sequence[int], every: int, size: int) -> None:
-    """Raise a ValueError unless a film can be made of these arguments."""
+def watched(run: Path) -> tuple[viewer.Task, viewer.Act]:
+    """What the viewer needs of a finished training: its task, on the test split, and how its agent acts.
+
+    Raises
+    ------
+    FileNotFoundError, ValueError
+        If there is no finished training.
+    """
+    task, model = load(run)
+    return _shown(task, "test"), _acting(Agent(model))
+
+
+def _shown(task: Task, split: str) -> viewer.Task:
+    return viewer.Task(task.control, task.level, task.env_id, split, task.accuracy)
+
+
+def _acting(policy: Policy) -> viewer.Act:
+    return lambda observation: policy.act(observation).reshape(-1)
+
+
+def check(path: Path, every: int, size: int) -> None:
+    """Raise a ValueError unless a film can be made with these arguments, of any task."""
     check_file("output", path, (".gif", ".mp4"))
-    _validate.choice("split", split, SPLITS)
+    _validate.count("every", every)
+    _validate.count("size", size, SMALLEST_SIZE, LARGEST_SIZE)
+
+
+def check_targets(task: Task, split: str, targets: Sequence[int]) -> None:
+    """Raise a ValueError unless these are four targets of a split of the task."""
+    _validate.choice("split", split, task.sizes)
     if len(targets) != 4:
         raise ValueError(f"targets must be four numbers, got {len(targets)}")
     for target in targets:
-        _validate.count("targets", target, 0, SIZES[split] - 1)
-    _validate.count("every", every)
-    _validate.count("size", size, 2)
+        _validate.count("targets", target, 0, task.sizes[split] - 1)
 
 
 def _grid(pictures: list[Any]) -> NDArray[np.uint8]:
@@ -99,7 +122,7 @@ def _grid(pictures: list[Any]) -> NDArray[np.uint8]:
 def main(
     run: Annotated[Path, tyro.conf.Positional],
     targets: tuple[int, int, int, int] = (0, 1, 2, 3),
-    split: Literal["train", "validation", "test"] = "test",
+    split: str = "test",
     output: Path | None = None,
     size: int = 300,
     every: int = 2,
@@ -117,8 +140,9 @@ def main(
     torch.set_num_threads(1)
     with refusals():
         path = output or run / "agent.gif"
-        check(path, split, targets, every, size)
+        check(path, every, size)
         task, model = load(run)
+        check_targets(task, split, targets)
     print(record(path, Agent(model), task, split, targets, every, size))
 
 

@@ -21,7 +21,7 @@ import tyro
 from flag_env import _validate
 from flag_env._files import check_folder
 from flag_env.control import CONTROLS
-from flag_env.envs.batch import LEVELS
+from flag_env.tasks import checked_level
 from training.lock import held
 
 LEARNING_RATE = 2e-3
@@ -55,7 +55,7 @@ class Arguments:
 
     def __post_init__(self) -> None:
         _validate.choice("control", self.control, CONTROLS)
-        _validate.choice("level", self.level, LEVELS)
+        checked_level(self.control, self.level)
         _validate.count("runners", self.runners, 0)
         _validate.count("envs_per_runner", self.envs_per_runner)
         _validate.count("iterations", self.iterations)

@@ -1,6 +1,6 @@
 """Episodes of a policy on chosen targets, and what they come to.
 
-An episode succeeds at a tolerance if the distance to the target stays below it on each of its last 10 steps.
+An episode succeeds at a tolerance if the distance to the target stays below it on each of the last steps that the goal counts.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 
-from flag_env.envs.batch import EPISODE_STEPS, HOLD_STEPS
+from flag_env.envs.config import EPISODE_STEPS
+from flag_env.tasks import HOLD, Goal
 
 TOLERANCES = {"success_5": 0.05, "success_3": 0.03}
 """Name of a success rate -> distance that counts as reached, in flag diagonals."""
@@ -71,9 +72,14 @@ def begin(envs: VectorEnv, targets: NDArray[np.int64]) -> NDArray[np.float32]:
     return observations
 
 
-def summary(distances: NDArray[np.float64]) -> dict[str, float | None]:
-    """Success rates at each tolerance and the median final distance (None: most diverged) of `rollout`'s distances."""
-    worst = distances[:, -HOLD_STEPS:].max(axis=1)
+def summary(distances: NDArray[np.float64], goal: Goal = HOLD) -> dict[str, float | None]:
+    """Success rates at each tolerance and the median final distance (None: most diverged) of `rollout`'s distances.
+
+    Where the target moves, also the share of the steps that count on which the distance was below 5 %.
+    """
+    worst = distances[:, -goal.steps :].max(axis=1)
     rates: dict[str, float | None] = {name: float((worst < tolerance).mean()) for name, tolerance in TOLERANCES.items()}
     median = float(np.median(distances[:, -1]))
+    if goal.moving:
+        rates["steps_5"] = float((distances[:, -goal.steps :] < TOLERANCES["success_5"]).mean())
     return rates | {"median_distance": median if np.isfinite(median) else None}

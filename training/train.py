@@ -33,9 +33,7 @@ from stable_baselines3.common.vec_env import VecMonitor
 from flag_env import _validate
 from flag_env._files import check_folder, read_json, replacing, write_json
 from flag_env.control import CONTROLS
-from flag_env.envs.batch import LEVELS
 from flag_env.physics.accuracy import ACCURACIES
-from flag_env.tasks import SIZES
 from training import checkpoint, hyperparameters, learning_curve, run_folder
 from training.baselines import BASELINES
 from training.callbacks import Checkpoints, Validation
@@ -59,9 +57,9 @@ class Arguments:
     """Algorithm of stable-baselines3."""
     env_id: str = "Flag-v0"
     """Environment."""
-    control: Literal["wind", "mast"] = "wind"
+    control: str = "wind"
     """What the agent acts on."""
-    level: Literal["calm", "breeze"] = "breeze"
+    level: str = "breeze"
     """Difficulty."""
     accuracy: Literal["fast", "balanced", "reference"] | float = "balanced"
     """Of the simulation: a recipe, or the integration error over one second in metres."""
@@ -72,7 +70,7 @@ class Arguments:
     n_envs: int | None = None
     """Number of environments. None: as in the hyperparameter file."""
     hyperparameters: Path | None = None
-    """Hyperparameter file in rl-zoo3's format. None: training/hyperparams/<algo>-<control>.yml, or <algo>.yml."""
+    """Hyperparameter file in rl-zoo3's format. None: that of the level or the control, or <algo>.yml."""
     device: str = "cpu"
     """Where the networks live; the GPU is slower for networks as small as these."""
     validations: int = 10
@@ -96,7 +94,7 @@ class Arguments:
     def __post_init__(self) -> None:
         _validate.choice("algo", self.algo, ALGORITHMS)
         _validate.choice("control", self.control, CONTROLS)
-        _validate.choice("level", self.level, LEVELS)
+        sizes = self.task.sizes
         if isinstance(self.accuracy, str):
             _validate.choice("accuracy", self.accuracy, ACCURACIES)
         else:
@@ -106,9 +104,9 @@ class Arguments:
             if getattr(self, name) is not None:
                 _validate.count(name, getattr(self, name))
         _validate.count("validations", self.validations)
-        _validate.count("validation_episodes", self.validation_episodes, 1, SIZES["validation"])
+        _validate.count("validation_episodes", self.validation_episodes, 1, sizes["validation"])
         if self.evaluation_episodes is not None:
-            _validate.count("evaluation_episodes", self.evaluation_episodes, 1, SIZES["validation"])
+            _validate.count("evaluation_episodes", self.evaluation_episodes, 1, sizes["validation"])
         if self.resume and self.overwrite:
             raise ValueError("--resume and --overwrite exclude each other")
 
@@ -136,7 +134,7 @@ def start(arguments: Arguments, hyper: hyperparameters.Hyperparameters) -> BaseA
 def run(arguments: Arguments, callbacks: tuple[BaseCallback, ...] = ()) -> dict[str, Any]:
     """Train, or go on with a training, and return the content of `evaluation.json`."""
     torch.set_num_threads(1)  # networks this small gain nothing from more, and sums keep their order
-    path = arguments.hyperparameters or hyperparameters.shipped(arguments.algo, arguments.control)
+    path = arguments.hyperparameters or hyperparameters.shipped(arguments.algo, arguments.control, arguments.level)
     hyper = hyperparameters.read(path, arguments.env_id, arguments.total_timesteps, arguments.n_envs)
     folder = check_folder("output", arguments.folder)
     run_folder.check(folder, arguments, hyper)
@@ -159,7 +157,7 @@ def _run(
     curve = gathered["curve"]
     every = max(1, hyper.total_timesteps // arguments.validations)
     validation_envs = VecMonitor(learning_envs(task, arguments.validation_episodes, "validation"))
-    validation = Validation(validation_envs, every, curve)
+    validation = Validation(validation_envs, every, curve, arguments.task.goal)
     checkpoints = Checkpoints(folder / "checkpoints", CHECKPOINT_EVERY[arguments.algo], curve, gathered["seconds"])
     learn(model, hyper.total_timesteps, [validation, checkpoints, *callbacks], folder, arguments.progress)
     seconds = round(checkpoints.seconds, 1)

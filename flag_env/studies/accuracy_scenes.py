@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from flag_env.control import WindControl, wind_of
-from flag_env.envs.batch import DEFAULT_SCENE, WIND
-from flag_env.envs.certify import HIDDEN_WIND
+from flag_env.envs.config import DEFAULT_SCENE, WIND
 from flag_env.physics import Lattice, Scene, max_timestep
 from flag_env.physics.effects import Bending, CosineWind, CrossLayer, Gravity, Shear, Structural
 from flag_env.physics.integrators import LFAB, RK4, ExplicitEuler, Implicit, Integrator, Leapfrog, Strang
+from flag_env.tasks import LEVELS
 
 METHODS: dict[str, Integrator] = {
     "explicit Euler": ExplicitEuler(),
@@ -45,7 +45,7 @@ def scenes() -> dict[str, Scene]:
 
 def _episode() -> Scene:
     """The environments' flag under full action, with the largest hidden wind, from rest; in float64, as the other scenes."""
-    mean, amplitude = (wind_of(DEFAULT_SCENE, part).tolist() for part in (WIND + HIDDEN_WIND["breeze"], WindControl.gain))
+    mean, amplitude = (wind_of(DEFAULT_SCENE, part).tolist() for part in (WIND + LEVELS["breeze"].hidden_wind, WindControl.gain))
     wind = CosineWind(tuple(amplitude), tuple(WindControl.frequency.tolist()), tuple(mean))
     return DEFAULT_SCENE.adding(wind).replace(dtype="float64")
 

@@ -12,13 +12,16 @@ import numba
 import numpy as np
 
 from flag_env.physics import Scene, effects, presets
+from flag_env.physics.integrators import Leapfrog
 
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0))
 
 
 def springs(rows: int, cols: int, dtype: str, **scene: Any) -> Scene:
-    """A flag with gravity and the three kinds of springs."""
-    return presets.flag(rows, cols, dtype=dtype, **scene).without(effects.AirDrag, effects.CosineWind)
+    """A flag with gravity and the three kinds of springs, stepped as the loop below by default."""
+    return presets.flag(rows, cols, dtype=dtype, **{"integrator": Leapfrog(), **scene}).without(
+        effects.AirDrag, effects.CosineWind
+    )
 
 
 @numba.njit(error_model="numpy")  # type: ignore[untyped-decorator]

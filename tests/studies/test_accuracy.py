@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from flag_env.control.base import CONTROL_STEP
-from flag_env.envs.batch import FlagBatch, FlagConfig
-from flag_env.envs.certify import HIDDEN_WIND
+from flag_env.envs.batch import FlagBatch
+from flag_env.envs.config import FlagConfig
 from flag_env.physics import Lattice, Scene, max_timestep, presets, tune
 from flag_env.physics.effects import AirDrag, Bending, CosineWind, Gravity, Structural
 from flag_env.physics.integrators import LFAB, RK4, Implicit, Leapfrog, Strang
 from flag_env.studies import accuracy, energy_budget, horizon, promises, reference, refinement, work_precision
 from flag_env.studies.accuracy_scenes import ENVIRONMENT, METHODS, scenes, stepped
 from flag_env.studies.parts import Parts
-from flag_env.tasks.targets import load_targets
+from flag_env.tasks import LEVELS, load_targets
 
 
 def small(damping="isotropic"):
@@ -77,7 +77,7 @@ def test_the_presets_are_chosen_on_the_flag_of_the_environments():
     balanced = tune(flag, "balanced", multiple_of=CONTROL_STEP).without(CosineWind)
     assert balanced == gymnasium.make("Flag-v0").unwrapped.simulator.scene.without(CosineWind)
     library = load_targets("wind", "breeze", "train")
-    batch = FlagBatch(FlagConfig(), library=replace(library, wind=np.tile(HIDDEN_WIND["breeze"], (len(library), 1))))
+    batch = FlagBatch(FlagConfig(targets=replace(library, wind=np.tile(LEVELS["breeze"].hidden_wind, (len(library), 1)))))
     batch.reset([0], [0])
     for _ in range(75):  # after which the actuators have all but reached full action
         batch.step(np.ones((1, 3)), (1, 3))

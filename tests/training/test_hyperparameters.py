@@ -4,7 +4,7 @@ import pytest
 import yaml
 from torch import nn
 
-from flag_env.envs.batch import EPISODE_STEPS
+from flag_env.envs.config import EPISODE_STEPS
 from training.hyperparameters import FOLDER, parse_keywords, read, shipped
 from training.train import Arguments, start
 
@@ -21,7 +21,9 @@ def test_files_have_the_keys_of_rl_zoo3(path):
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_files_make_models(path):
     hyper = read(path, "Flag-v0")
-    model = start(Arguments(algo=path.stem.partition("-")[0], control="mast" if path.stem == "ppo-mast" else "wind"), hyper)
+    algo, _, kind = path.stem.partition("-")
+    control, level = ("mast", "breeze") if kind == "mast" else ("wind", kind or "breeze")
+    model = start(Arguments(algo=algo, control=control, level=level), hyper)
     assert model.n_envs == hyper.n_envs
     for name in ("gamma", "batch_size"):
         assert getattr(model, name) == hyper.algorithm[name]
@@ -29,7 +31,10 @@ def test_files_make_models(path):
 
 
 def test_each_algorithm_has_a_file_and_the_mast_one_of_its_own():
-    assert [path.stem for path in FILES] == ["ppo-mast", "ppo", "sac"]
+    assert [path.stem for path in FILES] == ["ppo-mast", "ppo-snap", "ppo-wave", "ppo", "sac"]
+    assert [shipped("ppo", *task).stem for task in (("wind", "storm"), ("both", "wave"), ("mast", "whip"))] == [
+        *("ppo-wave", "ppo-wave", "ppo-snap")
+    ]
     assert [shipped(*task).stem for task in (("ppo", "wind"), ("ppo", "mast"), ("sac", "wind"), ("sac", "mast"))] == [
         *("ppo", "ppo-mast", "sac", "sac")
     ]
