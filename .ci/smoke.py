@@ -7,9 +7,8 @@ import gymnasium
 import numpy as np
 
 import flag_env
-from flag_env.control import CONTROLS
-from flag_env.envs.batch import LEVELS
 from flag_env.physics import Simulator, presets
+from flag_env.tasks import rungs
 from flag_env.viewer import Replay, of_stage
 
 env = gymnasium.make("Flag-v0", render_mode="rgb_array")
@@ -21,9 +20,8 @@ envs = gymnasium.make_vec("Flag-v0", num_envs=2, vectorization_mode="vector_entr
 envs.reset(seed=0)
 assert np.isfinite(envs.step(envs.action_space.sample())[0]).all()
 
-for control in CONTROLS:
-    for level in LEVELS:
-        gymnasium.make("Flag-v0", control=control, level=level, split="test").reset(seed=0)
+for control, level in rungs():
+    gymnasium.make("Flag-v0", control=control, level=level, split="validation").reset(seed=0)
 
 simulator = Simulator(presets.storm_flag(rows=4, cols=6))
 simulator.advance(0.05)

@@ -9,9 +9,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from docs._generate import catalogue, environments, links, studies, training
+from docs._generate import catalogue, environments, gallery, levels, links, studies, training
 
-GENERATORS = (catalogue.pages, environments.pages, studies.pages, training.pages)
+GENERATORS = (catalogue.pages, environments.pages, gallery.pages, levels.pages, studies.pages, training.pages)
 FOLDER = Path(__file__).resolve().parents[1] / "_generated"
 
 
@@ -27,6 +27,12 @@ def write(_app: Any = None) -> None:
         path = FOLDER / name
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
+
+
+def film(app: Any, failure: Exception | None) -> None:
+    """Put the gallery's replays and videos beside the built pages."""
+    if failure is None and app.builder.format == "html":
+        gallery.write(Path(app.outdir) / "gallery")
 
 
 def check(app: Any, failure: Exception | None) -> None:
@@ -52,6 +58,7 @@ def setup(app: Any) -> dict[str, Any]:
     """Sphinx's entry point."""
     app.setup_extension("sphinx.ext.autodoc")
     app.connect("builder-inited", write)
-    app.connect("build-finished", check)
+    app.connect("build-finished", film)
+    app.connect("build-finished", check, priority=600)
     app.connect("autodoc-process-docstring", tidied, priority=100)  # before napoleon
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from dataclasses import fields
 from typing import Any
 
 import gymnasium
@@ -11,11 +12,11 @@ import numpy as np
 
 import flag_env  # noqa: F401  registers the ids
 from docs._generate.markdown import code, percent, table
-from flag_env.control import CONTROLS, MastControl, WindControl
-from flag_env.envs.batch import LEVELS, FlagConfig
+from flag_env.control import CONTROLS, MastControl, MastYawControl, WindControl, WindFrequencyControl
+from flag_env.envs.config import EPISODE_STEPS, FlagConfig
 from flag_env.envs.flag import FlagEnv
 from flag_env.envs.goal import FlagGoalEnv
-from flag_env.tasks import REWARDS, SIZES, SPLITS, load_targets
+from flag_env.tasks import LEVELS, REWARDS, load_targets
 
 IDS = ("Flag-v0", "FlagGoal-v0", "FlagGoalDense-v0")
 AXES = ("x", "y", "z")
@@ -27,7 +28,16 @@ ACTIONS = {
         *((f"tilt rate of the mast about {axis}", f"{most:g} rad/s") for axis, most in zip(AXES[:2], _SPEED[3:], strict=True)),
     ],
 }
+ACTIONS["both"] = ACTIONS["wind"] + ACTIONS["mast"]
+ACTIONS["wind+frequency"] = ACTIONS["wind"] + [
+    (f"angular frequency of the wind along {axis}, from 0 at -1", f"{most:g} rad/s")
+    for axis, most in zip(AXES, WindFrequencyControl.fastest, strict=True)
+]
+ACTIONS["mast+yaw"] = [*ACTIONS["mast"], ("rate of the mast about its own axis", f"{MastYawControl.speed[5]:g} rad/s")]
 """Meaning of each entry of an action, and what 1 stands for."""
+
+OBSERVED = ("wind", "mast")
+"""Controls whose observations have a table; those of the others are made of the same parts."""
 
 STATES = {"wind": "amplitude of the wind", "mast": "pose, then velocity of the mast"}
 """What an agent sees of each control's actuators."""
@@ -37,7 +47,7 @@ def pages() -> dict[str, str]:
     """Tables of spaces, rewards, arguments, levels and what `info` holds."""
     found = {f"header_{env_id}.md": header(env_id) for env_id in IDS}
     found |= {f"action_{control}.md": actions(control) for control in CONTROLS}
-    found |= {f"observation_{control}.md": observation(control) for control in CONTROLS}
+    found |= {f"observation_{control}.md": observation(control) for control in OBSERVED}
     found |= {f"arguments_{env_id}.md": arguments(env_id) for env_id in IDS}
     return found | {"goal_spaces.md": goal_spaces(), "rewards.md": rewards(), "info.md": info(), "targets.md": targets()}
 
@@ -83,28 +93,26 @@ def observation(control: str) -> str:
     env.reset(seed=0)
     seen = env.step(np.ones(env.action_space.shape, np.float32))[0]
     batch = env._batch
-    shown = 3 * len(batch.nodes)
     now, target = (np.asarray(value).reshape(-1, 3)[batch.nodes].ravel() for value in (env.simulator.positions, env.target))
     velocity = env.simulator.velocities.reshape(-1, 3)[batch.nodes].ravel()
     scale, state = batch.control.error_scale * batch.diagonal, batch.control.state[0]
-    layout = [
-        ("positions of the nodes: x, y, z of each, row by row from below", "m", now),
-        ("their velocities", "m/s", velocity),
-        ("target positions of the nodes", "m", target),
-        ("target minus position", f"{batch.control.error_scale:g} flag diagonals", (target - now) / scale),
-        (f"actuators: {STATES[control]}", "share of its range", state),
-        ("time left", "share of the episode", np.array([1 - 1 / 75])),
-    ]
-    rows, start = [], 0
-    for what, unit, value in layout:
-        end = start + len(value)
-        if not np.allclose(seen[start:end], value, atol=2e-4):
-            raise ValueError(f"entries {start} to {end - 1} of an observation under {control} control are not {what}")
-        rows.append([f"{start} to {end - 1}" if len(value) > 1 else start, len(value), what, unit])
-        start = end
-    if env.observation_space.shape != (start,):
-        raise ValueError(f"the page tells of {start} entries, the observation has the shape {env.observation_space.shape}")
-    return f"{shown // 3} nodes:\n\n" + table(["entries", "number", "what", "unit"], rows)
+    told = {
+        "positions": ("positions of the nodes: x, y, z of each, row by row from below", "m", now),
+        "velocities": ("their velocities", "m/s", velocity),
+        "targets": ("target positions of the nodes", "m", target),
+        "differences": ("target minus position", f"{batch.control.error_scale:g} flag diagonals", (target - now) / scale),
+        "actuators": (f"actuators: {STATES[control]}", "share of its range", state),
+        "time_left": ("time left", "share of the episode", np.array([1 - 1 / EPISODE_STEPS])),
+    }
+    rows = []
+    for part in [part for part in fields(batch.layout) if part.name in told]:
+        what, unit, value = told[part.name]
+        found = getattr(batch.layout, part.name)
+        if not np.allclose(seen[found], value, atol=2e-4):
+            raise ValueError(f"entries {found} of an observation under {control} control are not {what}")
+        entries = f"{found.start} to {found.stop - 1}" if len(value) > 1 else found.start
+        rows.append([entries, len(value), code(part.name), what, unit])
+    return f"{len(batch.nodes)} nodes:\n\n" + table(["entries", "number", "slice", "what", "unit"], rows)
 
 
 def goal_spaces() -> str:
@@ -114,31 +122,31 @@ def goal_spaces() -> str:
         "achieved_goal": "positions of the nodes [m]",
         "desired_goal": "their target positions [m]",
     }
-    spaces = {control: FlagGoalEnv(control).observation_space for control in CONTROLS}
+    spaces = {control: FlagGoalEnv(control).observation_space for control in OBSERVED}
     rows = [
-        [code(key), *(spaces[control][key].shape[0] for control in CONTROLS), what]
+        [code(key), *(spaces[control][key].shape[0] for control in OBSERVED), what]
         for key, what in meaning.items()
         if all(key in space.spaces for space in spaces.values())
     ]
-    return table(["key", *(f"entries, {control}" for control in CONTROLS), "what"], rows)
+    return table(["key", *(f"entries, {control}" for control in OBSERVED), "what"], rows)
 
 
 def rewards() -> str:
-    """Terms of each reward, with an example: from 20 % to 4 % of the diagonal in one step."""
+    """Terms of each reward, with an example: from 20 % to 4 % of the diagonal in the last step."""
     before, after, tolerance = 0.20, 0.04, 0.05
     rows = [
         [code(f'"{name}"'), code(f"reward_{term}"), f"{float(value):+.3f}"]
         for name, reward in REWARDS.items()
-        for term, value in reward(before, after, tolerance).items()
+        for term, value in reward(before, after, tolerance, True).items()
     ]
-    return table(["`reward`", "term in `info`", "from d = 20 % to 4 %, tolerance 5 %"], rows)
+    return table(["`reward`", "term in `info`", "from d = 20 % to 4 % in the last step, tolerance 5 %"], rows)
 
 
 def info() -> str:
     """What `info` holds after a step."""
     meaning = {
         "distance": "RMS distance of the particles to their targets, in flag diagonals",
-        "is_success": "whether the distance has been below `tolerance` on each of the last 10 steps",
+        "is_success": "whether the level's goal is reached: of a pose to hold, d < `tolerance` on each of the last 10 steps",
         "diverged": "whether the simulation has left the finite numbers; the episode has then terminated",
         "target": "number of the target in its split",
     }
@@ -168,17 +176,17 @@ def arguments(env_id: str) -> str:
 
 
 def targets() -> str:
-    """Sizes of the splits, and how far the targets are from a flag at rest, for every control and level."""
+    """Sizes of the splits, and how far the targets are from a flag at rest, for every control and level that ships poses."""
     rows = []
-    for control in CONTROLS:
-        for level in LEVELS:
-            row: list[Any] = [control, level]
-            for split in SPLITS:
-                library, scene = load_targets(control, level, split), FlagConfig(control, level, split).resolved_scene()
+    for name in ("calm", "breeze"):
+        for control in LEVELS[name].controls:
+            row: list[Any] = [control, name]
+            for split, size in LEVELS[name].sizes.items():
+                library, scene = load_targets(control, name, split), FlagConfig(control, name, split).resolved_scene()
                 away = library.positions - scene.lattice.rest_positions
                 distance = np.sqrt((away**2).sum(axis=-1).mean(axis=(1, 2, 3))) / scene.lattice.diagonal
                 row.append(f"{len(library)}; {percent(float(np.median(distance)), 0)}")
-                if len(library) != SIZES[split]:
-                    raise ValueError(f"{control}/{level}/{split} holds {len(library)} targets, not {SIZES[split]}")
+                if len(library) != size:
+                    raise ValueError(f"{control}/{name}/{split} holds {len(library)} targets, not {size}")
             rows.append(row)
-    return table(["control", "level", *SPLITS], rows)
+    return table(["control", "level", *LEVELS["calm"].sizes], rows)

@@ -41,6 +41,8 @@ def pages() -> dict[str, str]:
         "stability_limit_times.md": rows(stability["limit_times"]),
         "stability_heating.md": rows(stability["heating"]),
         "stability_finite_check.md": rows(stability["finite_check"]),
+        "gradients_cost.md": rows(studies["gradients"]["rows"]),
+        "gradients_horizon.md": rows(studies["gradients"]["horizon"]),
         "flutter.md": rows(studies["flutter"]["rows"]),
         "speed.md": speed(studies["speed"]["rows"]),
         "roofline.md": roofline(studies["speed"]["roofline"]),
@@ -130,7 +132,9 @@ def roofline(told: Row) -> str:
     )
 
 
-HARD = "tests/physics/test_hard_cases.py::test_"
+FORCES, RECOVERY, LIMIT, LATTICES = (
+    f"tests/physics/test_hard_cases_{part}.py::test_" for part in ("forces", "recovery", "limit", "lattices")
+)
 FIRE = "tests/envs/test_under_fire.py::test_"
 AWAY = "RMS distance to one never disturbed / diagonal"
 
@@ -146,28 +150,28 @@ def _micrometres(figures: Row) -> str:
 
 HELD: tuple[tuple[str, str, str, Callable[[Row], str] | None], ...] = (
     ("stiffness x 100 and x 10 000, viscosity x 1000, both", "automatic step; whole for 500 000 steps; strain at the end",
-     HARD + "extreme_links_take_an_automatic_step_and_stay_whole", _share("strain at the end")),
+     FORCES + "extreme_links_take_an_automatic_step_and_stay_whole", _share("strain at the end")),
     ("tip mass 0.1 % and 1 % of the mast's", "whole after 100 s in wind; strain at the end",
-     HARD + "a_tip_of_little_mass", _share("strain at the end")),
-    ("wind of 50 weights", "bounded over 100 s; largest strain", HARD + "wind_of_fifty_weights", _share("largest strain")),
+     FORCES + "a_tip_of_little_mass", _share("strain at the end")),
+    ("wind of 50 weights", "bounded over 100 s; largest strain", FORCES + "wind_of_fifty_weights", _share("largest strain")),
     ("wind at a natural frequency", "amplitude over F / (c w)",
-     HARD + "resonance_has_the_amplitude_of_the_linear_theory", lambda f: f"{f['amplitude / (F / (c w))']:.4f}"),
+     FORCES + "resonance_has_the_amplitude_of_the_linear_theory", lambda f: f"{f['amplitude / (F / (c w))']:.4f}"),
     ("particles on one spot, crumpled, folded over, turned over", "takes its old shape again; RMS distance to it after 100 s",
-     HARD + "a_flag_recovers_from", _share(AWAY)),
-    ("two layers squeezed flat, swapped", "apart again; distance in thicknesses", HARD + "two_layers_recover_from_being",
+     RECOVERY + "a_flag_recovers_from", _share(AWAY)),
+    ("two layers squeezed flat, swapped", "apart again; distance in thicknesses", RECOVERY + "two_layers_recover_from_being",
      lambda f: "{:.2f} to {:.2f}".format(*f["distance of the layers / thickness"])),
-    ("zero rest length", "finite in both precisions, 100 s", HARD + "links_of_no_length", None),
+    ("zero rest length", "finite in both precisions, 100 s", RECOVERY + "links_of_no_length", None),
     ("mast teleported by ten flag lengths in 0.04 s", "takes its shape again; strain after the jump",
-     HARD + "a_mast_teleported_by_ten_flags_gets_its_flag_back", _share("strain after the jump")),
-    ("mast shaken at 20 Hz", "takes its shape again; largest strain", HARD + "a_mast_shaken_at_twenty_hertz",
+     RECOVERY + "a_mast_teleported_by_ten_flags_gets_its_flag_back", _share("strain after the jump")),
+    ("mast shaken at 20 Hz", "takes its shape again; largest strain", RECOVERY + "a_mast_shaken_at_twenty_hertz",
      _share("largest strain")),
     ("no damping, at .25, .5, .9 of the limit, 10⁶ steps", "99.9 % interval of the drift a block, in height, holds zero",
-     HARD + "energy_does_not_drift_without_damping", _micrometres),
+     LIMIT + "energy_does_not_drift_without_damping", _micrometres),
     ("10⁷ steps in wind, float64 beside float32", "time means agree within their standard errors; differences",
-     HARD + "statistics_of_both_precisions_agree", lambda f: ", ".join(f"{d:.1e}" for d in f["difference in float32"])),
-    ("512 x 512 particles", "finite; falls with g", HARD + "a_large_lattice", None),
+     LIMIT + "statistics_of_both_precisions_agree", lambda f: ", ".join(f"{d:.1e}" for d in f["difference in float32"])),
+    ("512 x 512 particles", "finite; falls with g", LATTICES + "a_large_lattice", None),
     ("1 x 1, 1 x N, N x 1, 2 x 2", "no access out of bounds, every effect and integrator",
-     HARD + "no_effect_nor_integrator_leaves_its_arrays", None),
+     LATTICES + "no_effect_nor_integrator_leaves_its_arrays", None),
     ("scenes of any numbers, effects and integrators", "finite or `Diverged`; states go on to the bit",
      "tests/physics/test_any_scene.py::test_any", None),
     ("environments with any arguments", "promises kept, bad values refused by name",
