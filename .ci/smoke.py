@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 
 import flag_env
+from flag_env.envs.config import FlagConfig
 from flag_env.physics import Simulator, presets
 from flag_env.tasks import rungs
 from flag_env.viewer import Replay, of_stage
@@ -21,7 +22,7 @@ envs.reset(seed=0)
 assert np.isfinite(envs.step(envs.action_space.sample())[0]).all()
 
 for control, level in rungs():
-    gymnasium.make("Flag-v0", control=control, level=level, split="validation").reset(seed=0)
+    assert len(FlagConfig(control=control, level=level, split="validation").library) == 128
 
 simulator = Simulator(presets.storm_flag(rows=4, cols=6))
 simulator.advance(0.05)
