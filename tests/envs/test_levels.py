@@ -34,7 +34,7 @@ def end_of(envs, actions):
     return info, np.array(distances)
 
 
-@pytest.mark.parametrize("split", ["validation", pytest.param("shift", marks=pytest.mark.slow)])  # the gate replays all
+@pytest.mark.parametrize("split", ["validation", "shift"])
 @pytest.mark.parametrize(("control", "level"), NEW)
 def test_witnesses_reach_their_targets_and_idle_hands_do_not(control, level, split):
     envs, targets = many(control, level, split), np.arange(0, 128, 128 // COPIES)[:COPIES]

@@ -181,7 +181,7 @@ def keeps_its_promises(scene, seed, share):
 
 
 @given(scene=prepared(), seed=st.integers(0, 2**32), share=powers(-6, 0.5))
-@settings(max_examples=20, **STILL_BUSY)
+@settings(max_examples=40, **STILL_BUSY)
 def test_any_numbers(scene, seed, share):
     keeps_its_promises(scene, seed, share)
 

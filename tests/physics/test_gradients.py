@@ -74,7 +74,7 @@ def loss(rollout, inputs, dx, dv):
     return ((dx * x) + (dv * rollout.velocities)).sum(axis=(1, 2, 3, 4))
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if name == "Leapfrog" else name for name in SCENES])
+@pytest.mark.parametrize("name", SCENES)
 def test_derivatives_by_inputs_agree_with_differences(name):
     scene = SCENES[name]()
     rollout, inputs, dx, dv, held = pushed(scene, 2)

@@ -38,15 +38,18 @@ POSES = {
 @pytest.mark.parametrize("pose", POSES)
 @long_form("seconds", 20.0, 100.0)
 def test_a_flag_recovers_from(pose, seconds, record_property):
+    """With LFAB at a tenth of its step: at the automatic one, this crumple (1 of 12 tried) keeps a fold, 0.114 apart, at rest."""
     scene = calm(1)
-    undisturbed, sim = Simulator(scene), Simulator(scene)
-    undisturbed.advance(seconds)
-    x = POSES[pose](scene.lattice.rest_positions)
-    x[:, :, 1:, 1] += 1e-3 * np.random.default_rng(0).standard_normal(x[:, :, 1:, 1].shape)  # what is plane stays plane
-    sim.set_positions(x)
-    apart = settle(sim, undisturbed.positions, seconds)
+    finer = scene.replace(integrator=LFAB())
+    for stepped in (finer.replace(timestep=0.1 * Simulator(finer).timestep), scene):
+        undisturbed, sim = Simulator(stepped), Simulator(stepped)
+        undisturbed.advance(seconds)
+        x = POSES[pose](scene.lattice.rest_positions)
+        x[:, :, 1:, 1] += 1e-3 * np.random.default_rng(0).standard_normal(x[:, :, 1:, 1].shape)  # what is plane stays plane
+        sim.set_positions(x)
+        apart = settle(sim, undisturbed.positions, seconds)
+        assert apart < 0.1
     record_property("RMS distance to one never disturbed / diagonal", float(apart))
-    assert apart < 0.1
 
 
 @pytest.mark.parametrize("pose", ["squeezed", "swapped"])

@@ -64,7 +64,7 @@ def survives(scene: Scene, seed: int) -> None:
 
 
 @given(scene=storms(SETS[0]), seed=st.integers(0, 2**32))
-@settings(max_examples=15, **ALWAYS)
+@settings(max_examples=25, **ALWAYS)
 def test_a_storm_of_ten_thousand_steps(scene, seed):
     survives(scene, seed)
 
